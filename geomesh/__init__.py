@@ -1,0 +1,60 @@
+"""geomesh: from a georeferenced raster to a certified triangle mesh.
+
+>>> import geomesh
+>>> mesh = geomesh.mesh_raster("scene.tif")  # doctest: +SKIP
+>>> mesh.to_file("mesh.gpkg")  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from geomesh._version import __version__
+
+if TYPE_CHECKING:
+    from geomesh.certificate import Certificate
+    from geomesh.errors import GeomeshError, GeomeshWarning
+    from geomesh.grid import Grid
+    from geomesh.io.read import read_mesh
+    from geomesh.mesh import Mesh
+    from geomesh.pipeline import mesh_raster
+    from geomesh.quality import Quality
+    from geomesh.recipe import Recipe
+
+__all__ = [
+    "Certificate",
+    "GeomeshError",
+    "GeomeshWarning",
+    "Grid",
+    "Mesh",
+    "Quality",
+    "Recipe",
+    "__version__",
+    "mesh_raster",
+    "read_mesh",
+]
+
+# OpenCV, GDAL and numba take a second to import: each name loads its module when
+# it is first used, so that `geomesh --help` and `import geomesh` answer at once.
+_HOMES = {
+    "Certificate": "certificate",
+    "GeomeshError": "errors",
+    "GeomeshWarning": "errors",
+    "Grid": "grid",
+    "Mesh": "mesh",
+    "Quality": "quality",
+    "Recipe": "recipe",
+    "mesh_raster": "pipeline",
+    "read_mesh": "io.read",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'geomesh' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"geomesh.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,278 @@
+"""The certificate: what is checked of a mesh before anyone may rely on it.
+
+Each check is independent of how the mesh was made: it looks at the finished
+arrays and at a few numbers known beforehand about the area to be covered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.errors import CertificateError
+from geomesh.topology import FILL, Edges, build_edges, edge_keys, neighbours
+
+# Bounds on the rounding error of the two predicates in float64, relative to the
+# sum of the absolute values of their terms (Shewchuk 1997, error bounds A).
+_EPSILON = 2.0**-53
+_INCIRCLE_ERROR = (10 + 96 * _EPSILON) * _EPSILON
+_AREA_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class DomainFacts:
+    """What is known, before triangulating, of the area that a mesh must cover.
+
+    Parameters
+    ----------
+    kind : {"valid", "image", "hull"}
+    area : float
+        Area inside the outline, in square pixels.
+    components, holes : int
+        Number of outer and of inner outline loops.
+    valid_pixels : int
+        Valid pixels of the scene.
+    pixels : int, optional
+        Pixels whose centre the outline encloses; None where the outline does not
+        follow pixels (`hull`).
+    islands_dropped, holes_bridged : int
+        Islands of data and holes of nodata smaller than the recipe's `min_hole`.
+    """
+
+    kind: str
+    area: float
+    components: int
+    holes: int
+    valid_pixels: int
+    pixels: int | None = None
+    islands_dropped: int = 0
+    holes_bridged: int = 0
+
+
+@dataclass(frozen=True)
+class Check:
+    """One statement about a mesh, whether it holds, and the figures behind it."""
+
+    name: str
+    passed: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The outcome of all checks; `passed` only if every one of them is."""
+
+    checks: tuple[Check, ...]
+    min_angle: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check holds."""
+        return all(check.passed for check in self.checks)
+
+    def require(self) -> None:
+        """Raise CertificateError naming the checks that failed, if any did."""
+        failed = [f"{check.name} ({check.detail})" for check in self.checks if not check.passed]
+        if failed:
+            raise CertificateError(
+                f"the mesh failed its certificate: {'; '.join(failed)}; it was not written. "
+                "This is a defect of geomesh: please report it with the source raster"
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the certificate as plain JSON values."""
+        return {"passed": self.passed, "min_angle_degrees": self.min_angle} | {
+            "checks": [asdict(check) for check in self.checks]
+        }
+
+
+def certify(
+    nodes: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    *,
+    constraints: NDArray[np.int32],
+    plane_scale: tuple[float, float],
+    counter_clockwise: bool,
+    domain: DomainFacts,
+    covered_pixels: int | None = None,
+    counted_pixels: int | None = None,
+) -> Certificate:
+    """Check a triangulation of pixel-edge coordinates.
+
+    Parameters
+    ----------
+    nodes : float64 (N, 2)
+        Pixel-edge coordinates.
+    triangles : int32 (T, 3)
+    constraints : int32 (C, 2)
+        Node pairs that had to become edges.
+    plane_scale : (float, float)
+        Factors in x and y from pixels to the plane that was triangulated.
+    counter_clockwise : bool
+        Orientation expected in (x, y) pixel numbers.
+    domain : DomainFacts
+    covered_pixels, counted_pixels : int, optional
+        Pixel centres, and valid ones, inside the triangles, as found by the statistics.
+    """
+    edges = build_edges(triangles)
+    areas = _signed_areas(nodes[triangles]) * (1 if counter_clockwise else -1)
+    checks = [
+        _check_nodes(nodes, triangles),
+        _check_orientation(areas),
+        _check_manifold(edges),
+        _check_area(float(areas.sum()), domain.area),
+        _check_boundary(edges, constraints, domain),
+        _check_euler(triangles, edges, domain),
+        _check_delaunay(nodes * plane_scale, triangles, constraints),
+    ]
+    if covered_pixels is not None and counted_pixels is not None:
+        checks.append(_check_pixels(covered_pixels, counted_pixels, domain))
+    return Certificate(tuple(checks), _min_angle(nodes * plane_scale, triangles))
+
+
+def _check_nodes(nodes: NDArray[np.float64], triangles: NDArray[np.int32]) -> Check:
+    unused = len(nodes) - len(np.unique(triangles))
+    duplicates = len(nodes) - len(np.unique(nodes, axis=0))
+    finite = bool(np.isfinite(nodes).all())
+    return Check(
+        "nodes are finite, distinct and used",
+        finite and unused == 0 and duplicates == 0 and len(triangles) > 0,
+        f"{len(nodes)} nodes, {duplicates} duplicate, {unused} unused",
+    )
+
+
+def _check_orientation(areas: NDArray[np.float64]) -> Check:
+    bad = int(np.count_nonzero(~(areas > 0)))
+    least = float(areas.min(initial=np.inf))
+    return Check(
+        "every triangle is counter-clockwise on the map and has an area",
+        bad == 0,
+        f"{len(areas)} triangles, {bad} not, smallest {least:.3g} px2",
+    )
+
+
+def _check_manifold(edges: Edges) -> Check:
+    inner = edges.uses == 2
+    bad = int(np.count_nonzero(edges.uses > 2))
+    bad += int(np.count_nonzero(inner & ((edges.left == FILL) | (edges.right == FILL))))
+    return Check(
+        "every inner edge is used once in each direction",
+        bad == 0,
+        f"{int(inner.sum())} inner edges, {bad} not",
+    )
+
+
+def _check_area(area: float, expected: float) -> Check:
+    return Check(
+        "the triangles cover the domain without overlap: areas add up",
+        abs(area - expected) <= _AREA_TOLERANCE * max(expected, 1.0),
+        f"{area:.6f} px2 of {expected:.6f}",
+    )
+
+
+def _check_boundary(edges: Edges, constraints: NDArray[np.int32], domain: DomainFacts) -> Check:
+    boundary = edge_keys(edges.nodes[edges.uses == 1])
+    missing = len(np.setdiff1d(edge_keys(constraints), edge_keys(edges.nodes)))
+    stray = 0
+    if domain.kind != "hull":
+        stray = len(np.setxor1d(boundary, edge_keys(constraints)))
+    return Check(
+        "the boundary is the domain's outline, and every constraint is an edge",
+        missing == 0 and stray == 0,
+        f"{len(boundary)} boundary edges, {stray} elsewhere, {missing} constraints missing",
+    )
+
+
+def _check_euler(triangles: NDArray[np.int32], edges: Edges, domain: DomainFacts) -> Check:
+    number = len(np.unique(triangles)) - len(edges.nodes) + len(triangles)
+    # Where the outline touches itself in a node, the closed area has one loop more
+    # than its interior: each further visit lowers the number by one.
+    visits = np.bincount(edges.nodes[edges.uses == 1].ravel())
+    pinches = int((visits[visits > 0] // 2 - 1).sum())
+    expected = domain.components - domain.holes - pinches
+    return Check(
+        "Euler number",
+        number == expected,
+        f"{number}, expected {expected} ({domain.components} components, {domain.holes} holes)",
+    )
+
+
+def _check_delaunay(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], constraints: NDArray[np.int32]
+) -> Check:
+    """Every inner edge that is no constraint passes the in-circle test.
+
+    For a triangulation that is locally Delaunay at each edge, no circumcircle
+    holds any visible node (Chew 1989). A test within its own rounding error is a
+    tie: the four nodes are cocircular as far as float64 can tell.
+    """
+    across = neighbours(triangles)
+    first, corner = np.nonzero(across > np.arange(len(triangles))[:, None])
+    pairs = np.column_stack(
+        [triangles[first, (corner + 1) % 3], triangles[first, (corner + 2) % 3]]
+    )
+    free = ~np.isin(edge_keys(pairs), edge_keys(constraints))
+    first, corner, pairs = first[free], corner[free], pairs[free]
+    second = across[first, corner]
+    apex = triangles[second].sum(axis=1) - pairs.sum(axis=1)
+    value, bound = _incircle(points[triangles[first]], points[apex])
+    violations = int(np.count_nonzero(value > bound))
+    ties = int(np.count_nonzero(np.abs(value) <= bound))
+    return Check(
+        "empty circumcircles (Delaunay; constrained where constraints are)",
+        violations == 0,
+        f"{len(first)} edges tested, {violations} violations, {ties} cocircular",
+    )
+
+
+def _incircle(
+    corners: NDArray[np.float64], query: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """In-circle determinant, positive inside for either orientation, and its error bound."""
+    a, b, c = (corners[:, k] - query for k in range(3))
+    lifts = [(p * p).sum(axis=1) for p in (a, b, c)]
+    value = np.zeros(len(query))
+    magnitude = np.zeros(len(query))
+    for lift, p, q in zip(lifts, (b, c, a), (c, a, b), strict=True):
+        left, right = p[:, 0] * q[:, 1], p[:, 1] * q[:, 0]
+        value += lift * (left - right)
+        magnitude += lift * (np.abs(left) + np.abs(right))
+    return value * np.sign(_signed_areas(corners)), _INCIRCLE_ERROR * magnitude
+
+
+def _check_pixels(covered: int, counted: int, domain: DomainFacts) -> Check:
+    if domain.pixels is None:
+        return Check(
+            "no pixel is counted twice",
+            counted <= min(covered, domain.valid_pixels),
+            f"{counted} of {domain.valid_pixels} valid pixels counted",
+        )
+    return Check(
+        "each pixel of the domain lies in one triangle, none outside it",
+        covered == domain.pixels and counted <= domain.valid_pixels,
+        f"{covered} pixels of {domain.pixels}; {counted} of {domain.valid_pixels} valid ones, "
+        f"{domain.islands_dropped} small islands dropped, {domain.holes_bridged} holes bridged",
+    )
+
+
+def _signed_areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas: NDArray[np.float64] = 0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+    return areas
+
+
+def _min_angle(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> float:
+    """Smallest angle of all triangles, in degrees."""
+    if len(triangles) == 0:
+        return float("nan")
+    corners = points[triangles]
+    least = np.inf
+    for k in range(3):
+        u = corners[:, (k + 1) % 3] - corners[:, k]
+        v = corners[:, (k + 2) % 3] - corners[:, k]
+        cross = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        least = min(least, float(np.arctan2(cross, (u * v).sum(axis=1)).min()))
+    return float(np.degrees(least))
