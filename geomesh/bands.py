@@ -1,0 +1,108 @@
+"""Which bands of a raster are data, and which are alpha or a palette."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rasterio
+from numpy.typing import NDArray
+from rasterio.enums import ColorInterp
+
+from geomesh.errors import BandError
+
+
+@dataclass(frozen=True)
+class Band:
+    """A band as the pipeline sees it.
+
+    Parameters
+    ----------
+    index : int
+        1-based number in the file.
+    description : str or None
+        The file's own description.
+    color : {"red", "green", "blue"} or None
+        What the file says the band shows.
+    """
+
+    index: int
+    description: str | None
+    color: str | None
+
+
+def dataset_bands(
+    name: str, dataset: rasterio.DatasetReader, bidx: Sequence[int] | None
+) -> tuple[tuple[Band, ...], np.dtype[Any]]:
+    """Return the chosen bands of a dataset, by default all but alpha, and their common type.
+
+    A palette becomes its three colours.
+
+    Raises
+    ------
+    BandError
+        If a band does not exist, is no data or not real.
+    """
+    indexes = _choose(name, bidx, dataset.count, alpha_index(dataset))
+    dtype = np.result_type(*(np.dtype(dataset.dtypes[index - 1]) for index in indexes))
+    _require_real(name, dtype)
+    if palette(dataset) is not None:
+        bands = tuple(Band(1, color, color) for color in ("red", "green", "blue"))
+        return bands, np.dtype(np.uint8)
+    colors = {c: c.name for c in (ColorInterp.red, ColorInterp.green, ColorInterp.blue)}
+    tagged = zip(dataset.descriptions, map(colors.get, dataset.colorinterp), strict=True)
+    known = [Band(index, *tags) for index, tags in enumerate(tagged, start=1)]
+    return tuple(known[index - 1] for index in indexes), dtype
+
+
+def array_bands(
+    name: str, dtype: np.dtype[Any], count: int, bidx: Sequence[int] | None
+) -> tuple[Band, ...]:
+    """Return the chosen bands of an array; see `dataset_bands`."""
+    _require_real(name, dtype)
+    return tuple(Band(index, None, None) for index in _choose(name, bidx, count, None))
+
+
+def _choose(name: str, bidx: Sequence[int] | None, count: int, alpha: int | None) -> list[int]:
+    if bidx is None:
+        return [i for i in range(1, count + 1) if i != alpha] or [1]
+    if not bidx:
+        raise BandError(f"no band chosen; {name} has bands 1 to {count}")
+    for index in bidx:
+        if not 1 <= index <= count:
+            raise BandError(f"band {index} does not exist: {name} has bands 1 to {count}")
+        if index == alpha:
+            raise BandError(
+                f"band {index} of {name} is its alpha band: a mask, not data; leave it out"
+            )
+    if len(set(bidx)) < len(bidx):
+        raise BandError(f"bands {','.join(map(str, bidx))} of {name}: each band once, please")
+    return list(bidx)
+
+
+def _require_real(name: str, dtype: np.dtype[Any]) -> None:
+    if dtype.kind not in "uif":
+        raise BandError(
+            f"{name} has values of type {dtype}: only real numbers can be meshed; "
+            "take the magnitude or one part first"
+        )
+
+
+def alpha_index(dataset: rasterio.DatasetReader) -> int | None:
+    """Return the 1-based number of the alpha band beside others, or None."""
+    if dataset.count > 1 and ColorInterp.alpha in dataset.colorinterp:
+        return int(dataset.colorinterp.index(ColorInterp.alpha)) + 1
+    return None
+
+
+def palette(dataset: rasterio.DatasetReader) -> NDArray[np.uint8] | None:
+    """Return the colour table of a one-band palette raster as (n, 4) RGBA, else None."""
+    if dataset.count != 1 or dataset.colorinterp[0] != ColorInterp.palette:
+        return None
+    entries = dataset.colormap(1)
+    table = np.zeros((max(entries) + 1, 4), np.uint8)
+    for value, rgba in entries.items():
+        table[value] = rgba
+    return table

@@ -1,0 +1,274 @@
+"""Stages 2 and 3 over the tile plan: from the gray image to keypoints on its edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.edges import (
+    EdgePartial,
+    Thresholds,
+    automatic_thresholds,
+    canny,
+    tile_edges,
+    unite,
+)
+from geomesh.grid import Window
+from geomesh.keypoints import Keypoints, detect_sift, labels_around
+from geomesh.outline import Turns, find_turns
+from geomesh.preprocess import Gray, Tone, resize, sobel_enhance
+from geomesh.raster import Reader
+from geomesh.recipe import Recipe
+from geomesh.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
+
+# Two tiles may place one keypoint on their common border a little differently:
+# both report what lies this close outside their core, and the copies are merged.
+SEAM = 1 / 32
+
+# Automatic thresholds look at the whole image up to this size, else at 4 x 4 blocks.
+_SAMPLE_SIZE = 1024
+_SAMPLE_BLOCK = 256
+
+
+class GrayImage(Protocol):
+    """An 8-bit image that can be read by windows."""
+
+    @property
+    def extent(self) -> Window:
+        """The window of all pixels."""
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+
+
+@dataclass(frozen=True)
+class SceneGray:
+    """The scene's gray image, made window by window."""
+
+    reader: Reader
+    tone: Tone
+    sobel: bool
+    extent: Window
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+        bands, valid = self.reader.read(window)
+        gray = self.tone.gray(bands, valid)
+        return (sobel_enhance(gray) if self.sobel else gray), valid
+
+
+@dataclass(frozen=True)
+class ArrayGray:
+    """A gray image in memory."""
+
+    gray: Gray
+    valid: NDArray[np.bool_]
+
+    @property
+    def extent(self) -> Window:
+        """The window of all pixels."""
+        return Window(0, 0, self.gray.shape[1], self.gray.shape[0])
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+        return self.gray[window.slices()], self.valid[window.slices()]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of the valid pixels of the source.
+
+    Attributes
+    ----------
+    turns : tuple of Turns
+        Where the outline of the valid pixels turns.
+    valid_pixels : int
+    """
+
+    turns: tuple[Turns, ...]
+    valid_pixels: int
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What stages 2 and 3 found.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        On edges and on valid pixels; in pixel-edge coordinates of the image that
+        was worked on.
+    size : (int, int)
+        Width and height of that image.
+    survey : Survey
+    thresholds : Thresholds
+        Of Canny, as used.
+    """
+
+    keypoints: Keypoints
+    size: tuple[int, int]
+    survey: Survey
+    thresholds: Thresholds
+
+
+@dataclass(frozen=True)
+class _TileFeatures:
+    """Keypoints of one tile's core, the edge components around each, and the outline."""
+
+    keypoints: Keypoints
+    labels: NDArray[np.int32]
+    edges: EdgePartial
+    survey: Survey
+
+
+def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
+    """Find the keypoints of a gray image that lie on its Canny edges.
+
+    Parameters
+    ----------
+    image : GrayImage
+        At the source's resolution; the recipe says whether to resize it.
+    recipe : Recipe
+    progress : callable(fraction, message)
+    """
+    survey = None
+    if recipe.resize is not None:
+        image, survey = shrink(image, recipe.resize, part_of(progress, 0, 0.6))
+        progress = part_of(progress, 0.6, 1)
+    extent = image.extent
+    core = {} if recipe.is_local else {"core": max(extent.width, extent.height)}
+    tiles = plan_tiles(extent, **core)
+    thresholds = canny_thresholds(image, recipe)
+    parts = list(
+        map_tiles(
+            lambda tile: _detect_tile(tile, image, recipe, thresholds),
+            tiles,
+            progress=progress,
+            message="Detecting edges and keypoints",
+        )
+    )
+    keypoints = [part.keypoints for part in parts]
+    if recipe.edge_distance is not None:
+        is_edge = unite([part.edges for part in parts])
+        keypoints = [
+            part.keypoints.take(edge[part.labels].any(axis=1))
+            for part, edge in zip(parts, is_edge, strict=True)
+        ]
+    return Detection(
+        keypoints=Keypoints.join(keypoints),
+        size=(extent.width, extent.height),
+        survey=survey or _join([part.survey for part in parts]),
+        thresholds=thresholds,
+    )
+
+
+def canny_thresholds(image: GrayImage, recipe: Recipe) -> Thresholds:
+    """Return the recipe's Canny thresholds; those it leaves open come from the image."""
+    low, high = recipe.canny_low, recipe.canny_high
+    if low is None or high is None:
+        blocks = [image.read(window) for window in _sample_windows(image.extent)]
+        found = automatic_thresholds(blocks, recipe.canny_l2)
+        # A threshold given alone bounds the automatic one.
+        high = max(found.high, low or 0) if high is None else high
+        low = min(found.low, high) if low is None else low
+    return Thresholds(low, high, recipe.canny_l2)
+
+
+def _sample_windows(extent: Window) -> list[Window]:
+    if max(extent.width, extent.height) <= _SAMPLE_SIZE:
+        return [extent]
+    half = _SAMPLE_BLOCK // 2
+    columns = [round(extent.width * (k + 0.5) / 4) - half for k in range(4)]
+    rows = [round(extent.height * (k + 0.5) / 4) - half for k in range(4)]
+    blocks = [Window(c, r, 2 * half, 2 * half).clip(extent) for r in rows for c in columns]
+    # In a long and narrow image, blocks of one row of the lattice may coincide.
+    return list(dict.fromkeys(blocks))
+
+
+def shrink(image: GrayImage, size: tuple[int, int], progress: Progress) -> tuple[ArrayGray, Survey]:
+    """Read a whole gray image by tiles and resize it to (width, height).
+
+    Takes two bytes a pixel of the source: resizing by area is not local.
+    """
+    extent = image.extent
+    gray = np.empty(extent.shape, np.uint8)
+    valid = np.empty(extent.shape, np.bool_)
+
+    def read(tile: Tile) -> Survey:
+        block, known = image.read(tile.read)
+        inner = tile.core.slices(tile.read)
+        gray[tile.core.slices()], valid[tile.core.slices()] = block[inner], known[inner]
+        return _survey(known, tile, extent)
+
+    tiles = plan_tiles(extent)
+    surveys = list(map_tiles(read, tiles, progress=progress, message="Reading and resizing"))
+    share = resize(valid.view(np.uint8) * np.uint8(255), size)
+    return ArrayGray(resize(gray, size), share > 127), _join(surveys)
+
+
+def _survey(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Survey:
+    inner = valid[tile.core.slices(tile.read)]
+    return Survey((find_turns(valid, tile, extent),), int(np.count_nonzero(inner)))
+
+
+def _join(surveys: Sequence[Survey]) -> Survey:
+    turns = tuple(turns for survey in surveys for turns in survey.turns)
+    return Survey(turns, sum(survey.valid_pixels for survey in surveys))
+
+
+def _detect_tile(
+    tile: Tile, image: GrayImage, recipe: Recipe, thresholds: Thresholds
+) -> _TileFeatures:
+    gray, valid = image.read(tile.read)
+    distance = recipe.edge_distance or 0.0
+    weak, partial = tile_edges(
+        gray,
+        tile,
+        thresholds,
+        image_width=image.extent.width,
+        seam=int(distance) + 2,
+    )
+    seen = canny(gray, thresholds) * np.uint8(255) if recipe.sift_source == "edges" else gray
+    found = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
+    found = found.moved(found.xy + np.array([tile.read.col, tile.read.row]))
+    keypoints = found.take(_in_core(found.xy, tile) & _usable(found.xy, valid, tile, image, recipe))
+    labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
+    return _TileFeatures(keypoints, labels, partial, _survey(valid, tile, image.extent))
+
+
+def _in_core(points: NDArray[np.float64], tile: Tile) -> NDArray[np.bool_]:
+    low = np.array([tile.core.col, tile.core.row]) - SEAM
+    high = np.array([tile.core.stop_col, tile.core.stop_row]) + SEAM
+    inside: NDArray[np.bool_] = ((points >= low) & (points < high)).all(axis=1)
+    return inside
+
+
+def _usable(
+    points: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    tile: Tile,
+    image: GrayImage,
+    recipe: Recipe,
+) -> NDArray[np.bool_]:
+    """Whether points lie on valid pixels and, where the outline gets nodes, well inside it."""
+    window, extent = tile.read, image.extent
+    usable = valid.view(np.uint8)
+    if recipe.domain != "hull":
+        known = usable if recipe.domain == "valid" else np.ones_like(usable)
+        # Beyond the image nothing is valid; beyond the halo anything may be.
+        top, bottom = int(window.row == extent.row), int(window.stop_row == extent.stop_row)
+        left, right = int(window.col == extent.col), int(window.stop_col == extent.stop_col)
+        framed = np.pad(known, ((top, bottom), (left, right)))
+        reach = int(np.ceil(recipe.min_spacing))
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        inner = cv2.erode(framed, disc, borderType=cv2.BORDER_REPLICATE)
+        height, width = usable.shape
+        usable = usable & inner[top : top + height, left : left + width]
+    pixel = np.floor(points).astype(np.int64) - (window.col, window.row)
+    pixel = np.clip(pixel, 0, np.array([window.width, window.height]) - 1)
+    return usable[pixel[:, 1], pixel[:, 0]] > 0

@@ -1,0 +1,172 @@
+"""Stage 2: Canny edges, tile by tile, with hysteresis that is exact across tiles.
+
+Gradients and non-maximum suppression look at a few pixels only; hysteresis
+follows an edge as far as it goes. So each tile labels its own weak components,
+tells which of them hold a strong pixel, and lists the pixels that its
+neighbours see too: components that share a pixel are one, and an edge is a
+component with a strong pixel anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from geomesh.grid import Window
+from geomesh.preprocess import Gray
+from geomesh.tiles import Tile
+
+# Automatic thresholds, as multiples of the median gradient of the pixels that have one.
+_LOW_FACTOR = 1.0
+_HIGH_FACTOR = 2.0
+
+Gradients = tuple[NDArray[np.int16], NDArray[np.int16]]
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Hysteresis thresholds on the gradient, in gray levels, and the norm they are meant in."""
+
+    low: float
+    high: float
+    l2: bool
+
+
+class WeakEdges(NamedTuple):
+    """The weak edge components of a tile.
+
+    Attributes
+    ----------
+    labels : int32 (h, w)
+        Components in `window`, numbered from 1; 0 is no edge.
+    window : Window
+        The tile's core and a seam around it.
+    """
+
+    labels: NDArray[np.int32]
+    window: Window
+
+
+@dataclass(frozen=True)
+class EdgePartial:
+    """What one tile tells the others of its components; small, unlike their pixels.
+
+    Attributes
+    ----------
+    strong : bool (K + 1,)
+        Whether component k holds a strong pixel in this tile.
+    seam_pixels : int64 (S,)
+        Weak pixels that other tiles see too, each as row * image width + column.
+    seam_labels : int32 (S,)
+        Their components.
+    """
+
+    strong: NDArray[np.bool_]
+    seam_pixels: NDArray[np.int64]
+    seam_labels: NDArray[np.int32]
+
+
+def canny(gray: Gray, thresholds: Thresholds) -> NDArray[np.bool_]:
+    """Return the Canny edges of a whole 8-bit image (H, W)."""
+    dx, dy = _gradients(gray)
+    low, high, l2 = thresholds.low, thresholds.high, thresholds.l2
+    return cv2.Canny(dx, dy, low, high, L2gradient=l2) > 0
+
+
+def _gradients(gray: Gray) -> Gradients:
+    """3x3 Sobel derivatives with the border rule of cv2.Canny."""
+    border = cv2.BORDER_REPLICATE
+    dx = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=3, borderType=border)
+    dy = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=3, borderType=border)
+    return dx, dy  # type: ignore[return-value]
+
+
+def _magnitude(gradients: Gradients, l2: bool) -> NDArray[np.int32]:
+    """Gradient magnitude as cv2.Canny compares it: the L1 norm, or the square of the L2 norm."""
+    dx, dy = (g.astype(np.int32) for g in gradients)
+    return dx * dx + dy * dy if l2 else np.abs(dx) + np.abs(dy)
+
+
+def automatic_thresholds(samples: Sequence[tuple[Gray, NDArray[np.bool_]]], l2: bool) -> Thresholds:
+    """Return thresholds set from the median gradient.
+
+    Parameters
+    ----------
+    samples : sequence of (gray (h, w), valid (h, w))
+        Blocks of the image at its own resolution.
+    l2 : bool
+        Norm of the gradient.
+    """
+    magnitudes = [np.zeros(0, np.int32)]
+    for gray, valid in samples:
+        magnitude = _magnitude(_gradients(gray), l2)
+        magnitudes.append(magnitude[valid & (magnitude > 0)])
+    pooled: NDArray[Any] = np.concatenate(magnitudes)
+    if len(pooled) == 0:
+        return Thresholds(0.0, 0.0, l2)
+    median = float(np.median(np.sqrt(pooled) if l2 else pooled))
+    return Thresholds(_LOW_FACTOR * median, _HIGH_FACTOR * median, l2)
+
+
+def tile_edges(
+    gray: Gray, tile: Tile, thresholds: Thresholds, *, image_width: int, seam: int
+) -> tuple[WeakEdges, EdgePartial]:
+    """Return the weak edges of the tile whose pixels `tile.read` are in `gray`.
+
+    Parameters
+    ----------
+    gray : uint8 (h, w)
+    tile : Tile
+    thresholds : Thresholds
+    image_width : int
+        Number of columns of the whole image.
+    seam : int
+        Pixels around the core to look at as well, at least 1.
+    """
+    gradients = _gradients(gray)
+    low, l2 = thresholds.low, thresholds.l2
+    weak = cv2.Canny(*gradients, low, low, L2gradient=l2)
+    window = tile.core.pad(seam).clip(tile.read)
+    block = window.slices(tile.read)
+    limit = int(thresholds.high**2) if l2 else int(thresholds.high)
+    strong_pixels = _magnitude(gradients, l2)[block] > limit
+    count, labels = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
+    strong = np.zeros(count, np.bool_)
+    strong[labels[strong_pixels]] = True
+    strong[0] = False
+    shared = labels > 0
+    inner = tile.core.pad(-seam)
+    if inner.width > 0 and inner.height > 0:
+        shared[inner.slices(window)] = False
+    rows, cols = np.nonzero(shared)
+    pixels = (rows + window.row).astype(np.int64) * image_width + (cols + window.col)
+    return WeakEdges(labels, window), EdgePartial(strong, pixels, labels[rows, cols])
+
+
+def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:
+    """Return, for each tile, which of its components are edges: bool (K + 1,)."""
+    starts = np.cumsum([0] + [len(p.strong) for p in partials])
+    pixels = np.concatenate([p.seam_pixels for p in partials])
+    labels = np.concatenate(
+        [p.seam_labels + start for p, start in zip(partials, starts, strict=False)]
+    )
+    order = np.argsort(pixels, kind="stable")
+    same = np.flatnonzero(np.diff(pixels[order]) == 0)
+    one, other = labels[order[same]], labels[order[same + 1]]
+    total = int(starts[-1])
+    links = sparse.coo_array((np.ones(len(one), np.int8), (one, other)), shape=(total, total))
+    _, component = connected_components(links, directed=False)
+    strong = np.concatenate([p.strong for p in partials])
+    has_strong = np.zeros(component.max(initial=-1) + 1, np.bool_)
+    has_strong[component[strong]] = True
+    # Label 0 of each tile is "no edge": nothing links it, and it is never strong.
+    is_edge = has_strong[component]
+    return [is_edge[a:b] for a, b in pairwise(starts)]

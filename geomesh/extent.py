@@ -1,0 +1,83 @@
+"""The part of a scene to work on: a box on the map, or an area of interest."""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from typing import Any
+
+import geopandas as gpd
+import pyogrio
+import shapely
+from pyogrio.errors import DataSourceError
+from shapely.geometry.base import BaseGeometry
+
+from geomesh.errors import EmptyError, GeoreferenceError, SourceError
+from geomesh.grid import Grid, Window
+from geomesh.raster import Scene
+
+# A pixel border that a box meets up to rounding is the box's own border.
+_SNAP = 1e-6
+
+
+def restrict(
+    scene: Scene,
+    *,
+    bounds: tuple[float, float, float, float] | None = None,
+    mask: Any = None,
+) -> Scene:
+    """Return the scene cropped to `bounds` and `mask`: see `geomesh.raster.open_scene`."""
+    area: BaseGeometry | None = None
+    window = scene.grid.extent
+    if bounds is not None:
+        west, south, east, north = bounds
+        if not (west < east and south < north):
+            raise GeoreferenceError(
+                f"bounds {west:g} {south:g} {east:g} {north:g}: expected west < east and "
+                "south < north, in the raster's CRS"
+            )
+        box = shapely.box(west, south, east, north)
+        window = _around(scene, box, window, "--bounds")
+        area = None if scene.grid.is_rectilinear else box
+    if mask is not None:
+        polygons = _polygons(mask, scene)
+        window = _around(scene, polygons, window, "--mask")
+        area = polygons if area is None else shapely.intersection(area, polygons)
+    return scene.crop(window, area)
+
+
+def _around(scene: Scene, area: BaseGeometry, window: Window, option: str) -> Window:
+    """Return the least part of `window` that holds `area`."""
+    corners = scene.grid.to_pixel(shapely.get_coordinates(area))
+    (left, top), (right, bottom) = corners.min(axis=0) + _SNAP, corners.max(axis=0) - _SNAP
+    col, row = math.floor(left), math.floor(top)
+    found = Window(col, row, math.ceil(right) - col, math.ceil(bottom) - row).clip(window)
+    if found.width < 1 or found.height < 1:
+        edges = " ".join(f"{value:g}" for value in scene.grid.bounds())
+        raise EmptyError(
+            f"{option} lies outside {scene.name}, whose bounds are {edges} in "
+            f"{scene.grid.crs.to_string() if scene.grid.crs else 'pixels'}"
+        )
+    return found
+
+
+def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
+    """Return the mask's polygons as one geometry in the scene's CRS."""
+    if isinstance(mask, str | PathLike):
+        try:
+            mask = pyogrio.read_dataframe(mask, columns=[])
+        except DataSourceError as error:
+            raise SourceError(f"mask {mask}: cannot be read as a vector file ({error})") from error
+    shapes = gpd.GeoSeries(mask.geometry)
+    shapes = shapes[shapes.geom_type.isin(["Polygon", "MultiPolygon"])]
+    if shapes.empty:
+        raise SourceError("the mask holds no polygon; give polygons of the area to keep")
+    grid: Grid = scene.grid
+    if shapes.crs is not None and grid.crs is None:
+        raise GeoreferenceError(
+            f"the mask is in {shapes.crs.to_string()} but {scene.name} has no CRS; "
+            "georeference the raster, or give a mask without CRS in its coordinates"
+        )
+    if shapes.crs is not None:
+        shapes = shapes.to_crs(grid.crs)
+    return shapely.make_valid(shapes.union_all())

@@ -1,0 +1,185 @@
+"""From keypoints and the domain to the nodes of the mesh and the edges it must have."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from geomesh import domain as domains
+from geomesh.certificate import DomainFacts
+from geomesh.detect import SEAM, Detection
+from geomesh.errors import GeomeshWarning
+from geomesh.grid import Grid
+from geomesh.keypoints import Keypoints, by_strength, snap, spread_evenly, thin
+from geomesh.outline import drop_small_loops, trace
+from geomesh.recipe import Recipe
+from geomesh.table import Table
+from geomesh.triangulate import delaunay
+
+# The distance to the third nearest node is close to the length of an edge.
+_NEAREST = 4
+_SPACING_SAMPLE = 20_000
+
+Loops = list[NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class NodeSet:
+    """What is to be triangulated.
+
+    Attributes
+    ----------
+    points : float64 (N, 2)
+        Distinct pixel-edge coordinates of the source, in order of y, then x.
+    table : Table
+        kind, scale, response, octave, angle; the last four are NaN on the border.
+    segments : int32 (S, 2)
+        Pairs of points that must become edges: the outline.
+    domain : DomainFacts
+    """
+
+    points: NDArray[np.float64]
+    table: Table
+    segments: NDArray[np.int32]
+    domain: DomainFacts
+
+
+def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
+    """Choose the feature nodes and add the nodes of the outline.
+
+    Parameters
+    ----------
+    detection : Detection
+    grid : Grid
+        The source's lattice.
+    recipe : Recipe
+        Its min_spacing, nodes, domain, border_spacing and min_hole are followed.
+    """
+    features = _features(detection, grid, recipe)
+    loops, facts = _domain(detection, grid, recipe)
+    if not loops:
+        features = _keep_budget(features, recipe, facts)
+        if len(delaunay(features.xy).triangles):
+            area = shapely.convex_hull(shapely.multipoints(features.xy)).area
+            return _join(features, [], replace(facts, area=float(area)))
+        loops, facts = _frame(grid, facts.valid_pixels)
+        _warn(
+            f"only {len(features)} keypoints found, which span no area: the mesh covers the "
+            "whole frame instead of their hull"
+        )
+    elif len(features) == 0:
+        _warn("no keypoints found (the image may be constant): the mesh is the outline only")
+    inner = _keep_budget(features, recipe, facts).xy
+    spacing = recipe.border_spacing or _median_spacing(inner)
+    border = [_lattice_loop(domains.subdivide(loop, spacing, inner), recipe) for loop in loops]
+    facts = replace(facts, area=sum(map(domains.loop_area, border)))
+    features = _keep_budget(features, recipe, facts, taken=_distinct(border))
+    return _join(features, border, facts)
+
+
+def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
+    """Keypoints in source pixels, thinned, strongest first."""
+    keypoints = detection.keypoints
+    if recipe.resize is None:
+        keypoints = keypoints.moved(snap(keypoints.xy))
+        # The least spacing also merges what two tiles found on their common border.
+        return thin(keypoints, max(recipe.min_spacing, SEAM))
+    keypoints = by_strength(thin(keypoints, recipe.min_spacing))
+    width, height = detection.size
+    return keypoints.moved(keypoints.xy * (grid.width / width, grid.height / height))
+
+
+def _keep_budget(
+    features: Keypoints, recipe: Recipe, facts: DomainFacts, taken: int = 0
+) -> Keypoints:
+    """Return the features that the node budget leaves room for beside `taken` other nodes."""
+    budget = recipe.node_budget(facts.valid_pixels)
+    if budget is None or len(features) + taken <= budget:
+        return features
+    if taken >= budget:
+        _warn(f"the outline alone takes {taken} nodes, more than the {budget} asked for")
+    room = max(budget - taken, 0)
+    # The cells depend on the budget alone, so both calls choose in the same order.
+    return features.take(spread_evenly(features, budget, float(facts.valid_pixels))[:room])
+
+
+def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, DomainFacts]:
+    valid_pixels = detection.survey.valid_pixels
+    if recipe.domain == "hull":
+        return [], DomainFacts("hull", 0.0, 1, 0, valid_pixels)
+    if recipe.domain == "image":
+        return _frame(grid, valid_pixels)
+    outline = trace(detection.survey.turns)
+    # What is all smaller than a hole may be is kept, or nothing would be left.
+    least = min(recipe.min_hole, int(outline.areas().max()))
+    outline, islands, holes = drop_small_loops(outline, least)
+    if islands or holes:
+        _warn(
+            f"{islands} islands of data and {holes} holes of nodata smaller than "
+            f"{recipe.min_hole} pixels were dropped and bridged"
+        )
+    loops = domains.simplify(outline, grid.extent)
+    return loops, domains.describe(
+        "valid",
+        loops,
+        valid_pixels=valid_pixels,
+        pixels=int(outline.areas().sum()),
+        islands_dropped=islands,
+        holes_bridged=holes,
+    )
+
+
+def _frame(grid: Grid, valid_pixels: int) -> tuple[Loops, DomainFacts]:
+    loops = domains.frame(grid.width, grid.height)
+    pixels = grid.width * grid.height
+    return loops, domains.describe("image", loops, valid_pixels=valid_pixels, pixels=pixels)
+
+
+def _median_spacing(points: NDArray[np.float64]) -> float:
+    """Median distance to the third nearest of the points; infinite for fewer than four."""
+    if len(points) < _NEAREST:
+        return np.inf
+    step = -(-len(points) // _SPACING_SAMPLE)
+    distances, _ = cKDTree(points).query(points[::step], k=_NEAREST)
+    return float(np.median(distances[:, -1]))
+
+
+def _lattice_loop(loop: NDArray[np.float64], recipe: Recipe) -> NDArray[np.float64]:
+    return loop if recipe.resize is not None else snap(loop)
+
+
+def _distinct(loops: Loops) -> int:
+    return len(np.unique(np.concatenate(loops), axis=0))
+
+
+def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
+    """Merge features and loops into one set of points in canonical order."""
+    border = np.concatenate([*loops, np.empty((0, 2))])
+    sizes = np.array([len(loop) for loop in loops], int)
+    ends = np.cumsum(sizes)
+    following = np.arange(1, len(border) + 1)
+    following[ends - 1] = ends - sizes
+    points, index = np.unique(
+        np.concatenate([border, features.xy])[:, ::-1], axis=0, return_inverse=True
+    )
+    points = np.ascontiguousarray(points[:, ::-1])
+    position = index.ravel()
+    segments = np.column_stack([position[: len(border)], position[following]])
+    kind = np.full(len(points), "feature")
+    kind[position[: len(border)]] = "border"
+    columns = {"kind": kind}
+    for name in ("scale", "response", "octave", "angle"):
+        column = np.full(len(points), np.nan, np.float32)
+        column[position[len(border) :]] = getattr(features, name)
+        column[kind == "border"] = np.nan
+        columns[name] = column
+    return NodeSet(points, Table(columns), segments.astype(np.int32), facts)
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, GeomeshWarning, stacklevel=2)

@@ -1,0 +1,302 @@
+"""Scene: any raster that rasterio opens, as arrays of chosen bands and their validity."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import rasterio
+from affine import Affine
+from numpy.typing import NDArray
+from pyproj import CRS
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+from geomesh.bands import Band, alpha_index, array_bands, dataset_bands, palette
+from geomesh.errors import EmptyError, SourceError, one_line
+from geomesh.georeference import NO_CRS, georeference
+from geomesh.grid import IDENTITY, Grid, Window
+from geomesh.tiles import plan_tiles
+
+Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
+ArraySource = tuple[Any, Affine, Any]
+Source = str | PathLike[str] | rasterio.DatasetReader | ArraySource
+
+_OVERVIEW_SIZE = 1024
+
+
+class Reader(Protocol):
+    """What a scene is read through: one opened handle, for one thread."""
+
+    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
+        """Return bands (B, h, w) and validity (h, w) of `window`, decimated to `shape`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A raster, the bands chosen from it and the part of it to work on.
+
+    Made by `open_scene`; it holds no open file, so it can be sent to workers.
+
+    Parameters
+    ----------
+    name : str
+        The source as the user gave it, for messages and metadata.
+    grid : Grid
+        Lattice of `window`.
+    window : Window
+        The part to work on, in the pixels of the file.
+    bands : tuple of Band
+        After a palette has become colours.
+    dtype : numpy.dtype
+    source : path, open dataset or array
+    nodata : float or None
+        Replaces the file's own nodata value.
+    area : shapely geometry or None
+        Area of interest in map coordinates; pixels with their centre outside are invalid.
+    notes : tuple of str
+        What the user should know about the georeference.
+    """
+
+    name: str
+    grid: Grid
+    window: Window
+    bands: tuple[Band, ...]
+    dtype: np.dtype[Any]
+    source: Any
+    nodata: float | None = None
+    area: Any = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rgb(self) -> tuple[int, int, int] | None:
+        """Positions in `bands` of red, green and blue: as tagged, or the only three there are."""
+        colors = [band.color for band in self.bands]
+        if {"red", "green", "blue"} <= set(colors):
+            return colors.index("red"), colors.index("green"), colors.index("blue")
+        return (0, 1, 2) if len(self.bands) == 3 else None
+
+    @contextmanager
+    def open(self) -> Iterator[Reader]:
+        """Open the source for reading in this thread."""
+        if isinstance(self.source, tuple):
+            yield _ArrayReader(self)
+        elif isinstance(self.source, str):
+            with _open_dataset(self.source) as dataset:
+                yield _DatasetReader(self, dataset)
+        else:
+            yield _DatasetReader(self, self.source)
+
+    def overview(self, reader: Reader) -> Pixels:
+        """Return one decimated read of the whole scene, at most 1024 pixels a side.
+
+        Where decimation meets no valid pixel, the first tile that holds one is
+        taken instead.
+
+        Raises
+        ------
+        EmptyError
+            If no pixel of the scene is valid.
+        """
+        extent = self.grid.extent
+        step = max(extent.width, extent.height) / _OVERVIEW_SIZE
+        shape = extent.shape
+        if step > 1:
+            shape = (math.ceil(extent.height / step), math.ceil(extent.width / step))
+        bands, valid = reader.read(extent, shape)
+        if valid.any():
+            return bands, valid
+        for tile in plan_tiles(extent) if step > 1 else []:
+            bands, valid = reader.read(tile.core)
+            if valid.any():
+                return bands, valid
+        raise EmptyError(
+            f"{self.name} has no valid pixel here: all are nodata, masked, not finite or outside "
+            "--mask; choose other bands or another area, or override the nodata value with --nodata"
+        )
+
+    def crop(self, window: Window, area: Any = None) -> Scene:
+        """Return the scene of the part in `window` (pixels of this scene) and in `area`."""
+        return replace(
+            self,
+            grid=self.grid.window(window),
+            window=replace(
+                window, col=self.window.col + window.col, row=self.window.row + window.row
+            ),
+            area=area,
+        )
+
+
+@dataclass(frozen=True)
+class _ArrayReader:
+    scene: Scene
+
+    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
+        array = self.scene.source[0]
+        base = self.scene.window
+        absolute = replace(window, col=window.col + base.col, row=window.row + base.row)
+        rows, cols = absolute.slices()
+        block = array[:, rows, cols][[band.index - 1 for band in self.scene.bands]]
+        if shape is not None:
+            pick = [
+                ((np.arange(n) + 0.5) * size / n).astype(int)
+                for n, size in zip(shape, window.shape, strict=True)
+            ]
+            block = block[:, pick[0][:, None], pick[1]]
+        valid = ~np.ma.getmaskarray(block).any(axis=0)
+        bands = np.ma.getdata(block)
+        return bands, _valid(self.scene, bands, valid, window)
+
+
+@dataclass(frozen=True)
+class _DatasetReader:
+    scene: Scene
+    dataset: rasterio.DatasetReader
+
+    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
+        base = self.scene.window
+        where = rasterio.windows.Window(
+            window.col + base.col, window.row + base.row, window.width, window.height
+        )
+        out = {"window": where, "out_shape": shape or window.shape}
+        dataset = self.dataset
+        try:
+            colors = palette(dataset)
+            indexes = [1] if colors is not None else [band.index for band in self.scene.bands]
+            bands = dataset.read(indexes, **out)
+            if self.scene.nodata is None:
+                valid = dataset.read_masks(indexes, **out).all(axis=0)
+            else:
+                valid = np.ones(bands.shape[1:], bool)
+            alpha = alpha_index(dataset)
+            if alpha is not None:
+                valid &= dataset.read(alpha, **out) > 0
+        except RasterioError as error:
+            raise SourceError(
+                f"{self.scene.name}: cannot read columns {where.col_off} to "
+                f"{where.col_off + where.width}, rows {where.row_off} to "
+                f"{where.row_off + where.height}: the file is truncated or damaged; "
+                f"fetch or export it again (GDAL: {one_line(error)})"
+            ) from error
+        if colors is not None:
+            entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
+            valid &= entries[..., 3] > 0
+            wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.scene.bands]
+            bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
+        return bands, _valid(self.scene, bands, valid, window)
+
+
+def _valid(
+    scene: Scene, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
+) -> NDArray[np.bool_]:
+    """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
+    if scene.nodata is not None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            valid &= (bands != np.array(scene.nodata).astype(bands.dtype)).all(axis=0)
+    if bands.dtype.kind == "f":
+        valid &= np.isfinite(bands).all(axis=0)
+    if scene.area is not None:
+        from rasterio.features import geometry_mask
+
+        block = scene.grid.window(window).scaled(valid.shape[1], valid.shape[0])
+        inside = geometry_mask([scene.area], valid.shape, block.transform, invert=True)
+        valid &= inside
+    return valid
+
+
+def open_scene(
+    source: Source,
+    *,
+    bidx: Sequence[int] | None = None,
+    nodata: float | None = None,
+    bounds: tuple[float, float, float, float] | None = None,
+    mask: Any = None,
+) -> Scene:
+    """Look at a source and return the Scene to work on.
+
+    Parameters
+    ----------
+    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+        An array is (H, W) or (B, H, W); masked arrays keep their mask.
+    bidx : sequence of int, optional
+        1-based bands; all but alpha by default.
+    nodata : float, optional
+        Takes the place of the file's own nodata value.
+    bounds : (west, south, east, north), optional
+        Box in map coordinates to crop to.
+    mask : path, GeoDataFrame or GeoSeries, optional
+        Area of interest: polygons, reprojected to the raster's CRS if need be.
+
+    Raises
+    ------
+    SourceError, BandError, GeoreferenceError, EmptyError
+    """
+    if isinstance(source, tuple):
+        scene = _array_scene(source, bidx)
+    elif isinstance(source, rasterio.DatasetReader | rasterio.vrt.WarpedVRT):
+        scene = _dataset_scene(source.name, source, source, bidx)
+    else:
+        name = fspath(source)
+        with _open_dataset(name) as dataset:
+            scene = _dataset_scene(name, name, dataset, bidx)
+    scene = replace(scene, nodata=nodata)
+    if bounds is not None or mask is not None:
+        from geomesh.extent import restrict
+
+        scene = restrict(scene, bounds=bounds, mask=mask)
+    return scene
+
+
+@contextmanager
+def _open_dataset(name: str) -> Iterator[rasterio.DatasetReader]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            dataset = rasterio.open(name)
+    except (RasterioError, ValueError, TypeError) as error:
+        path = Path(name)
+        looks_local = "://" not in name and not name.startswith("/vsi")
+        if looks_local and not path.exists():
+            reason = "no such file; check the path"
+        elif looks_local and path.is_dir():
+            reason = "is a folder; name the raster files in it"
+        else:
+            reason = f"is not a raster that GDAL can open ({one_line(error)})"
+        raise SourceError(f"{name}: {reason}") from error
+    with dataset:
+        yield dataset
+
+
+def _array_scene(source: ArraySource, bidx: Sequence[int] | None) -> Scene:
+    array, transform, crs = source
+    array = np.ma.asarray(array) if np.ma.isMaskedArray(array) else np.asarray(array)
+    array = array[None] if array.ndim == 2 else array
+    if array.ndim != 3 or 0 in array.shape:
+        raise SourceError(
+            f"an array of shape {array.shape} is no raster: expected (rows, columns) or "
+            "(bands, rows, columns), none of them 0"
+        )
+    count, height, width = array.shape
+    bands = array_bands("the array", array.dtype, count, bidx)
+    grid = Grid(width, height, transform or IDENTITY, CRS.from_user_input(crs) if crs else None)
+    notes = () if grid.crs else (NO_CRS.format("the array"),)
+    return Scene("array", grid, grid.extent, bands, array.dtype, (array,), notes=notes)
+
+
+def _dataset_scene(
+    name: str, source: Any, dataset: rasterio.DatasetReader, bidx: Sequence[int] | None
+) -> Scene:
+    if dataset.count == 0:
+        raise SourceError(
+            f"{name} holds no bands of its own; name one of its subdatasets: "
+            f"{', '.join(dataset.subdatasets[:3]) or 'none found'}"
+        )
+    bands, dtype = dataset_bands(name, dataset, bidx)
+    grid, notes = georeference(name, dataset)
+    return Scene(name, grid, grid.extent, bands, dtype, source, notes=notes)

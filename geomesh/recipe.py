@@ -1,0 +1,225 @@
+"""Recipe: every number of every stage, under the field's own name.
+
+This module imports nothing heavy, so that `geomesh --help` can list the presets.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
+
+from geomesh.errors import RecipeError
+
+GRAY_METHODS = ("auto", "luma", "mean", "pca")
+DOMAINS = ("valid", "image", "hull")
+SIFT_SOURCES = ("gray", "edges")
+# Up to this octave a halo of 64 pixels reproduces what the whole image gives.
+LOCAL_OCTAVE = 2
+STATISTICS = ("mean", "std", "min", "max")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """How a raster becomes a mesh.
+
+    The defaults are the `features` preset. A recipe is written into every output,
+    so that a mesh can be made again: ``Recipe.from_json(document)``.
+
+    Parameters
+    ----------
+    preset : str
+        Name of the preset that the values started from.
+    gray : {"auto", "luma", "mean", "pca"} or "band:N"
+        How the bands become one gray image: Rec. 601 luma, mean, first principal
+        component, or one band (1-based in the file). "auto" is luma where the
+        bands are red, green and blue, the band itself where there is one, else pca.
+    stretch : (float, float)
+        Percentiles of the valid pixels that become black and white.
+    stretch_gray : bool
+        Stretch the gray image (True), or each band before it, and 8-bit bands
+        not at all (False, as in the paper).
+    sobel : bool
+        Replace the gray image by its Sobel magnitude before anything else.
+    resize : (int, int) or None
+        Width and height in pixels to resize to; None keeps the native resolution.
+    canny_low, canny_high : float or None
+        Hysteresis thresholds on the 3x3 Sobel gradient of the 8-bit gray image,
+        in gray levels; None sets them from the median gradient.
+    canny_l2 : bool
+        Measure the gradient by its L2 norm; False: L1, as OpenCV does by default.
+    sift_source : {"gray", "edges"}
+        The image that SIFT looks at: the gray one, or the Canny edge map.
+    sift_max_octave : int or None
+        Highest octave kept (-1 is the doubled image, 0 the native one). A cap
+        makes keypoints local, which tiles need; None keeps all.
+    sift_octave_layers : int
+        Layers in each octave.
+    sift_contrast_threshold, sift_edge_threshold : float
+        OpenCV's thresholds on contrast and on edge-likeness, without unit.
+    sift_sigma : float
+        Blur of the first octave, in pixels.
+    edge_distance : float or None
+        Keypoints must lie within so many pixels of a Canny edge (counted between
+        pixel centres); None keeps all.
+    min_spacing : float
+        Least distance between feature nodes, in pixels; the strongest stays.
+    nodes : int, str or None
+        Node budget: a number, or a percentage of the valid pixels such as "1%".
+        The strongest features are kept, spread evenly over the image. None: all.
+    domain : {"valid", "image", "hull"}
+        What the mesh covers: the valid data, the whole frame, or the convex hull
+        of the keypoints.
+    border_spacing : float or None
+        Nodes are added along the outline until they are as close to each other as
+        to the nearest feature node, but no closer than this, in pixels; None takes
+        the median distance between feature nodes.
+    min_hole : int
+        Holes of nodata and islands of data with fewer pixels are bridged or dropped.
+    statistics : tuple of {"mean", "std", "min", "max"}
+        What is measured in each triangle, for each band.
+    """
+
+    preset: str = "features"
+    gray: str = "auto"
+    stretch: tuple[float, float] = (2.0, 98.0)
+    stretch_gray: bool = True
+    sobel: bool = False
+    resize: tuple[int, int] | None = None
+    canny_low: float | None = None
+    canny_high: float | None = None
+    canny_l2: bool = True
+    sift_source: str = "gray"
+    sift_max_octave: int | None = 2
+    sift_octave_layers: int = 3
+    sift_contrast_threshold: float = 0.01
+    sift_edge_threshold: float = 10.0
+    sift_sigma: float = 1.6
+    edge_distance: float | None = 1.5
+    min_spacing: float = 2.0
+    nodes: int | str | None = None
+    domain: str = "valid"
+    border_spacing: float | None = None
+    min_hole: int = 64
+    statistics: tuple[str, ...] = STATISTICS
+
+    def __post_init__(self) -> None:
+        if not self.gray.startswith("band:"):
+            _require_one_of("gray", self.gray, (*GRAY_METHODS, "band:N"))
+        elif not self.gray[5:].isdecimal() or int(self.gray[5:]) < 1:
+            raise RecipeError(f"gray is {self.gray!r}: give a band number from 1 up, as in band:4")
+        _require_one_of("domain", self.domain, DOMAINS)
+        _require_one_of("sift_source", self.sift_source, SIFT_SOURCES)
+        for name in self.statistics:
+            _require_one_of("statistics", name, STATISTICS)
+        low, high = self.stretch
+        _require("stretch", self.stretch, 0 <= low < high <= 100, "two rising percentiles")
+        if self.resize is not None:
+            _require(
+                "resize", self.resize, min(self.resize) >= 1, "a width and height of 1 or more"
+            )
+        for name in ("canny_low", "canny_high", "edge_distance", "border_spacing"):
+            value = getattr(self, name)
+            _require(name, value, value is None or 0 <= value < math.inf, "0 or more")
+        if self.canny_low is not None and self.canny_high is not None:
+            _require(
+                "canny_low", self.canny_low, self.canny_low <= self.canny_high, "<= canny_high"
+            )
+        for name in ("sift_contrast_threshold", "min_spacing", "min_hole"):
+            _require(name, getattr(self, name), 0 <= getattr(self, name) < math.inf, "0 or more")
+        for name in ("sift_octave_layers", "sift_edge_threshold", "sift_sigma"):
+            _require(name, getattr(self, name), 0 < getattr(self, name) < math.inf, "above 0")
+        if self.nodes is not None:
+            self.node_budget(1)
+
+    def node_budget(self, pixels: int) -> int | None:
+        """Return the node budget for an image of so many valid pixels, or None for no limit."""
+        if self.nodes is None:
+            return None
+        text = str(self.nodes).strip()
+        percent = text.endswith("%")
+        try:
+            number = float(text.removesuffix("%")) if percent else int(text)
+        except ValueError:
+            number = math.nan
+        if not 0 < number < math.inf:
+            raise RecipeError(
+                f"nodes is {self.nodes!r}: give a number such as 5000 or a share such as 1%"
+            )
+        return max(round(number / 100 * pixels), 1) if percent else int(number)
+
+    @property
+    def is_local(self) -> bool:
+        """Whether a keypoint depends on its neighbourhood only, so that tiles can find it.
+
+        High octaves blur over the whole image, and SIFT on the edge map needs
+        hysteresis to be finished first: such recipes take the image as one tile.
+        """
+        capped = self.sift_max_octave is not None and self.sift_max_octave <= LOCAL_OCTAVE
+        return capped and self.sift_source == "gray"
+
+    def with_values(self, **values: Any) -> Recipe:
+        """Return the recipe with other values; unknown names raise RecipeError."""
+        known = {field.name for field in fields(self)}
+        for name in values:
+            _require_one_of("a recipe's parameter", name, tuple(sorted(known)))
+        return replace(self, **values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the recipe as plain JSON values."""
+        return asdict(self)
+
+    def to_json(self) -> str:
+        """Return the recipe as a JSON document."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Recipe:
+        """Return the recipe that `to_dict` wrote."""
+        tuples = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+        return cls().with_values(**tuples)
+
+    @classmethod
+    def from_json(cls, document: str) -> Recipe:
+        """Return the recipe that `to_json` wrote."""
+        return cls.from_dict(json.loads(document))
+
+    @classmethod
+    def from_preset(cls, name: str) -> Recipe:
+        """Return the recipe of a preset: see `PRESETS`."""
+        _require_one_of("preset", name, tuple(PRESETS))
+        return PRESETS[name]
+
+
+def _require(name: str, value: Any, holds: bool, expected: str) -> None:
+    if not holds:
+        raise RecipeError(f"{name} is {value!r}: expected {expected}")
+
+
+def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise RecipeError(f"{name} is {value!r}: choose from {', '.join(choices)}")
+
+
+PRESETS: Mapping[str, Recipe] = {
+    # The published system to the letter; its silences (thresholds, interpolation)
+    # are OpenCV's defaults and the usual forms.
+    "paper": Recipe(
+        preset="paper",
+        stretch_gray=False,
+        sobel=True,
+        resize=(256, 256),
+        canny_low=100.0,
+        canny_high=200.0,
+        canny_l2=False,
+        sift_source="edges",
+        sift_contrast_threshold=0.04,
+        sift_max_octave=None,
+        edge_distance=None,
+        min_spacing=0.0,
+        domain="hull",
+    ),
+    "features": Recipe(),
+}
