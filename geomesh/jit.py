@@ -11,11 +11,15 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function) -> Function:
-    """Compile `function` with numba: without the interpreter's lock, kept on disk.
+    """Compile `function` with numba: without the interpreter's lock, kept on disk if possible.
 
     Division follows IEEE 754 (numpy's way), so that no test for zero slows a loop.
     numba notices a change in the file of a kernel, not in the files of the kernels
     that it calls: after an edit there, clear ``__pycache__``.
     """
-    compiled: Function = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        compiled: Function = numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # neither the package nor the user's cache folder is writable
+        compiled = numba.njit(**options)(function)
     return compiled

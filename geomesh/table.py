@@ -17,7 +17,9 @@ def read_only(array: ArrayLike, dtype: Any = None) -> NDArray[Any]:
     copied, so the caller's own array stays writable and independent.
     """
     source = np.asarray(array, dtype=dtype)
-    if source.flags.writeable or not source.flags.c_contiguous:
+    base = source.base
+    shared = isinstance(base, np.ndarray) and base.flags.writeable
+    if source.flags.writeable or shared or not source.flags.c_contiguous:
         source = np.array(source, order="C")
         source.flags.writeable = False
     return source

@@ -1,0 +1,58 @@
+"""The command line: parse, call one library function, print.
+
+Nothing heavy is imported before a command runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import NoReturn
+
+import click
+
+from geomesh._version import __version__
+from geomesh.cli.inspect import info, quality
+from geomesh.cli.mesh import mesh
+from geomesh.cli.stages import stages
+
+_INTERRUPTED = 130
+_TERMINATED = 143
+
+
+def main() -> NoReturn:
+    """Run the command line and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
+    # Being terminated must clean up as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    try:
+        cli(standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("Interrupted: no output was changed.", err=True)
+        sys.exit(_INTERRUPTED)
+    sys.exit(0)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="geomesh")
+@click.option("--debug", is_flag=True, help="Show a traceback when something fails.")
+@click.pass_context
+def cli(ctx: click.Context, debug: bool) -> None:
+    """Turn georeferenced rasters into certified triangle meshes.
+
+    \b
+    Examples:
+      geomesh mesh scene.tif -o mesh.gpkg
+      geomesh mesh scene.tif -o mesh.gpkg --nodes 5000 --bidx 4,3,2
+      geomesh stages scene.tif -o stages.png
+      geomesh quality mesh.gpkg
+    """
+    ctx.obj = debug
+
+
+for command in (mesh, stages, quality, info):
+    cli.add_command(command)

@@ -1,0 +1,163 @@
+"""`geomesh quality` and `geomesh info`: look at a mesh, or at a raster before meshing it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+
+
+@click.command()
+@click.argument("mesh_file", metavar="MESH")
+@click.option("--json", "as_json", is_flag=True, help="Print all figures as JSON.")
+@click.option(
+    "--space",
+    type=click.Choice(["image", "map"]),
+    default="image",
+    show_default=True,
+    help="Take lengths in pixels of the image that was worked on, or in map units.",
+)
+@click.pass_obj
+def quality(debug: bool, mesh_file: str, as_json: bool, space: Any) -> None:
+    """Print Ki and the standard measures of the triangles of MESH (.gpkg).
+
+    \b
+    Examples:
+      geomesh quality mesh.gpkg
+      geomesh quality mesh.gpkg --space map --json
+    """
+    with guarded(open_console("none"), debug) as failures:
+        from geomesh.io.read import read_mesh
+
+        summary = read_mesh(mesh_file).quality(space).summary()
+        if as_json:
+            click.echo(json.dumps(summary, indent=2))
+        else:
+            _print_quality(mesh_file, summary, "pixels" if space == "image" else "map units")
+    sys.exit(1 if failures else 0)
+
+
+@click.command()
+@click.argument("path", metavar="MESH|SRC")
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+@click.pass_obj
+def info(debug: bool, path: str, as_json: bool) -> None:
+    """Print what a mesh file holds, or what a raster has to offer.
+
+    \b
+    Examples:
+      geomesh info mesh.gpkg
+      geomesh info scene.tif
+      geomesh info mesh.gpkg --json > recipe.json   # for geomesh mesh --recipe
+    """
+    with guarded(open_console("none"), debug) as failures:
+        is_mesh = Path(path).suffix.lower() == ".gpkg" and _has_layers(path)
+        facts = _describe_mesh(path) if is_mesh else _describe_raster(path)
+        click.echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
+    sys.exit(1 if failures else 0)
+
+
+def _has_layers(path: str) -> bool:
+    """Whether a GeoPackage holds vector layers: it may hold a raster as well."""
+    import pyogrio
+    from pyogrio.errors import DataSourceError
+
+    try:
+        return len(pyogrio.list_layers(path)) > 0
+    except DataSourceError:
+        return True  # let the reader of meshes say what is wrong
+
+
+def _describe_mesh(path: str) -> dict[str, Any]:
+    from pyproj import CRS
+
+    from geomesh.io.read import read_document
+
+    document = read_document(path)
+    stored = document.pop("mesh")
+    grid = stored["grid"]
+    return {
+        "mesh": str(path),
+        **stored["counts"],
+        "crs": CRS.from_wkt(grid["crs"]).to_string() if grid["crs"] else None,
+        "raster_size": [grid["width"], grid["height"]],
+        "plane_size": stored["plane_size"],
+        "domain": stored["domain"],
+        "columns": {
+            layer: [name for name, _ in pairs] for layer, pairs in stored["columns"].items()
+        },
+        **document,
+    }
+
+
+def _describe_raster(path: str) -> dict[str, Any]:
+    from geomesh.raster import open_scene
+    from geomesh.tiles import plan_tiles
+
+    scene = open_scene(path)
+    grid = scene.grid
+    with scene.open() as reader:
+        _, valid = scene.overview(reader)
+    return {
+        "raster": str(path),
+        "size": [grid.width, grid.height],
+        "bands": [{"index": band.index, "description": band.description} for band in scene.bands],
+        "dtype": str(scene.dtype),
+        "crs": grid.crs.to_string() if grid.crs else None,
+        "transform": list(grid.transform[:6]),
+        "bounds": list(grid.bounds()),
+        "valid_share": float(valid.mean()),
+        "tiles": len(plan_tiles(grid.extent)),
+        "notes": list(scene.notes),
+    }
+
+
+def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
+    """Facts as indented lines: nested mappings below their name, everything else beside it."""
+    lines = []
+    for name, value in facts.items():
+        label = f"{indent}{name.replace('_', ' ')}:"
+        if isinstance(value, Mapping):
+            lines += [label, _as_text(value, indent + "  ")]
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            lines += [label]
+            lines += [
+                "  " + indent + ", ".join(f"{k} {v}" for k, v in row.items()) for row in value
+            ]
+        elif isinstance(value, list):
+            lines.append(f"{label} {', '.join(str(item) for item in value) or 'none'}")
+        else:
+            lines.append(f"{label} {'none' if value is None else value}")
+    return "\n".join(lines)
+
+
+def _print_quality(mesh_file: str, summary: Mapping[str, Any], unit: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    width, height = summary["size"]
+    table = Table(
+        title=f"{mesh_file}: {summary['nodes']:,} nodes, {summary['triangles']:,} triangles, "
+        f"lengths in {unit} of a plane of {width:g} x {height:g}",
+        title_justify="left",
+        caption=f"{summary['labelling']}. Ki / sqrt(area / nodes) = "
+        f"{summary['ki_normalised'] or 0:.3f}",
+        caption_justify="left",
+    )
+    figures = ("mean", "median", "p5", "p95", "min", "max")
+    table.add_column("measure")
+    for figure in figures:
+        table.add_column(figure, justify="right")
+    for name, values in summary["measures"].items():
+        shown = (values[figure] for figure in figures)
+        table.add_row(name, *("" if value is None else f"{value:.4g}" for value in shown))
+    console = Console()
+    console.print(table)
+    for limit, share in summary["share_min_angle_under"].items():
+        console.print(f"smallest angle under {limit} degrees: {share or 0:.2%} of the triangles")

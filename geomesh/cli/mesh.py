@@ -1,0 +1,182 @@
+"""`geomesh mesh`: rasters in, mesh files out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+from geomesh.cli.options import build_recipe, output_options, raster_options, words
+from geomesh.errors import OutputError
+from geomesh.recipe import STATISTICS
+
+
+@dataclass(frozen=True)
+class Job:
+    """One raster and the file its mesh goes to."""
+
+    source: str
+    output: Path
+
+
+@click.command()
+@click.argument("sources", metavar="SRC...", nargs=-1, required=True)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT",
+    help="File to write, or a folder: one mesh for each SRC.",
+)
+@raster_options
+@click.option(
+    "--layers",
+    callback=words(("triangles", "edges", "nodes")),
+    metavar="LAYER,...",
+    help="Layers to write: triangles, edges, nodes. Default: all in a GeoPackage, else triangles.",
+)
+@click.option(
+    "--stats",
+    "statistics",
+    callback=words(STATISTICS),
+    metavar="STAT,...",
+    help="What to measure in each triangle and band: mean, std, min, max. Default: all.",
+)
+@click.option(
+    "-f",
+    "--driver",
+    metavar="FORMAT",
+    help="GPKG, GeoJSON, FlatGeobuf or Parquet. Default: by the extension of OUT.",
+)
+@output_options
+@click.pass_obj
+def mesh(
+    debug: bool,
+    sources: tuple[str, ...],
+    output: str,
+    layers: tuple[Any, ...] | None,
+    driver: str | None,
+    overwrite: bool,
+    progress: str | None,
+    as_json: bool,
+    bidx: list[int] | None,
+    nodata: float | None,
+    bounds: tuple[float, float, float, float] | None,
+    mask: str | None,
+    **recipe_options: Any,
+) -> None:
+    """Turn each raster SRC into a triangle mesh.
+
+    \b
+    Examples:
+      geomesh mesh scene.tif -o mesh.gpkg
+      geomesh mesh scene.tif -o web.geojson --nodes 2000
+      geomesh mesh scene.tif -o mesh.gpkg --bidx 5,4,3 --mask aoi.gpkg
+      geomesh mesh scenes/*.tif -o meshes/ --preset paper
+    """
+    console = open_console(progress, quiet=as_json)
+    jobs: list[Job] = []
+    outcomes: list[dict[str, Any]] = []
+    with guarded(console, debug) as failures:
+        recipe = build_recipe(**recipe_options)
+        jobs = _plan(sources, output, driver)
+    for job in jobs:
+        console.start("mesh", job.source)
+        with guarded(console, debug) as problems, console.progress() as report:
+            from geomesh.io.vector import check_output, write_mesh
+            from geomesh.pipeline import mesh_raster
+            from geomesh.tiles import part_of
+
+            check_output(job.output, overwrite=overwrite, driver=driver)
+            made = mesh_raster(
+                job.source,
+                recipe=recipe,
+                bidx=bidx,
+                nodata=nodata,
+                bounds=bounds,
+                mask=mask,
+                progress=part_of(report, 0, 0.9),
+            )
+            write_mesh(
+                made,
+                job.output,
+                layers=layers,
+                driver=driver,
+                overwrite=overwrite,
+                progress=part_of(report, 0.9, 1),
+            )
+        if problems:
+            failures += problems
+            outcomes.append({"source": job.source, "error": problems[0]})
+            continue
+        figures = {"nodes": len(made.nodes), "triangles": len(made.triangles)}
+        outcomes.append({"source": job.source, "output": str(job.output), **figures})
+        console.result(
+            [str(job.output)],
+            figures,
+            f"{job.output}: {figures['nodes']:,} nodes, {figures['triangles']:,} triangles, "
+            "certified",
+        )
+    if as_json:
+        click.echo(json.dumps({"results": outcomes, "failed": len(failures)}, indent=2))
+    elif len(jobs) > 1 and progress != "jsonl":
+        _print_table(outcomes)
+    sys.exit(1 if failures else 0)
+
+
+def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
+    """Return the jobs; OUT is a folder if it ends like one, is one, or there are several SRC."""
+    folder = Path(output)
+    if len(sources) == 1 and not output.endswith(("/", "\\")) and not folder.is_dir():
+        return [Job(sources[0], folder)]
+    from geomesh.io.vector import find_format
+
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(
+            f"{output} is a file; for several rasters name a folder, as in -o meshes/"
+        )
+    extension = find_format(f"mesh.{driver or 'gpkg'}", driver).extensions[0]
+    # "scene.tif" and "/vsizip/a.zip/scene.tif" alike give "scene".
+    names = [
+        Path(source.rstrip("/").replace("\\", "/").rpartition("/")[2]).stem for source in sources
+    ]
+    twice = [name for name, times in Counter(names).items() if times > 1]
+    if twice:
+        raise OutputError(
+            f"several rasters are called {twice[0]!r}: their meshes would overwrite each other "
+            f"in {output}; mesh them into different folders"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"the folder {output} cannot be made: {error.strerror}") from error
+    return [
+        Job(source, folder / f"{name}{extension}")
+        for source, name in zip(sources, names, strict=True)
+    ]
+
+
+def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
+    """Print which rasters were meshed and which failed."""
+    from rich.console import Console
+    from rich.table import Table
+
+    failed = sum("error" in outcome for outcome in outcomes)
+    table = Table(title=f"{len(outcomes) - failed} meshed, {failed} failed", title_justify="left")
+    for column in ("source", "nodes", "triangles", "outcome"):
+        table.add_column(column, justify="right" if column in ("nodes", "triangles") else "left")
+    for outcome in outcomes:
+        table.add_row(
+            outcome["source"],
+            f"{outcome['nodes']:,}" if "nodes" in outcome else "",
+            f"{outcome['triangles']:,}" if "triangles" in outcome else "",
+            f"[red]{outcome['error']}" if "error" in outcome else outcome["output"],
+        )
+    Console(stderr=True).print(table)

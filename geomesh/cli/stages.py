@@ -1,0 +1,65 @@
+"""`geomesh stages`: the picture of what each stage gives."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+from geomesh.cli.options import build_recipe, output_options, raster_options
+
+
+@click.command()
+@click.argument("source", metavar="SRC")
+@click.option("-o", "--output", required=True, metavar="FIG", help="Picture: .png, .pdf or .svg.")
+@raster_options
+@output_options
+@click.pass_obj
+def stages(
+    debug: bool,
+    source: str,
+    output: str,
+    overwrite: bool,
+    progress: str | None,
+    as_json: bool,
+    bidx: list[int] | None,
+    nodata: float | None,
+    bounds: tuple[float, float, float, float] | None,
+    mask: str | None,
+    **recipe_options: Any,
+) -> None:
+    """Draw the stages of the pipeline on SRC: gray, Canny edges, keypoints, mesh.
+
+    A raster of more than 2048 pixels a side is shown by its middle; choose another
+    part with --bounds.
+
+    \b
+    Examples:
+      geomesh stages scene.tif -o stages.png
+      geomesh stages scene.tif -o stages.pdf --preset paper
+    """
+    console = open_console(progress, quiet=as_json)
+    console.start("stages", source)
+    with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.figures import check_picture, draw_stages, run_stages, save_picture
+        from geomesh.raster import open_scene
+
+        recipe = build_recipe(**recipe_options)
+        check_picture(output, overwrite=overwrite)
+        scene = open_scene(source, bidx=bidx, nodata=nodata, bounds=bounds, mask=mask)
+        for note in scene.notes:
+            console.warn(note)
+        found = run_stages(scene, recipe, report)
+        save_picture(draw_stages(found, Path(source).name), output, overwrite=overwrite)
+    outcome: dict[str, Any] = {"source": source, "error": "".join(failures[:1])}
+    if not failures:
+        figures = {"nodes": len(found.mesh.nodes), "triangles": len(found.mesh.triangles)}
+        outcome = {"source": source, "output": output, **figures}
+        console.result([output], figures, f"{output}: the stages of {source}")
+    if as_json:
+        click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
+    sys.exit(1 if failures else 0)

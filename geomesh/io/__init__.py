@@ -1,0 +1,1 @@
+"""Files: writing meshes and reading them back."""

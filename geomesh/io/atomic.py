@@ -1,0 +1,117 @@
+"""Output that is there as a whole or not at all: written aside, then moved into place."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from geomesh.errors import OutputError
+
+# What SQLite keeps beside a database. Left there, it would be replayed into the
+# database that takes the old one's name, and corrupt it.
+_COMPANIONS = ("-wal", "-shm", "-journal")
+
+
+def check_place(target: Path, *, overwrite: bool) -> None:
+    """Refuse a place that cannot be written to, before any work is done.
+
+    Raises
+    ------
+    OutputError
+        If `target` exists (unless `overwrite`), is no regular file, or its
+        folder is missing or cannot be written to.
+    """
+    place = Path(os.path.realpath(target))
+    try:
+        if place.exists():
+            _check_existing(target, place.stat().st_mode, overwrite=overwrite)
+        if not place.parent.is_dir():
+            raise OutputError(f"the folder of {target} does not exist; create it first")
+        # The mode bits do not tell: a superuser passes them, and a read-only or
+        # full file system may still refuse.
+        Path(tempfile.mkdtemp(prefix=".geomesh-", dir=place.parent)).rmdir()
+    except OSError as error:
+        raise OutputError(
+            f"{target} cannot be written: {_reason(error)}; choose another folder"
+        ) from error
+
+
+def _check_existing(target: Path, mode: int, *, overwrite: bool) -> None:
+    if stat.S_ISDIR(mode):
+        raise OutputError(f"{target} is a folder; name a file inside it")
+    if not stat.S_ISREG(mode):
+        raise OutputError(f"{target} is not a regular file; choose another name")
+    if not overwrite:
+        raise OutputError(f"{target} exists; use --overwrite (overwrite=True) to replace it")
+
+
+@contextmanager
+def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
+    """Yield the path to write to; on leaving, move that file to `target`.
+
+    The path lies in a hidden folder beside `target`, so that the move is one
+    rename within a file system: a reader sees the old file or the new one. On any
+    exception the folder is removed and `target` stays as it was.
+
+    Parameters
+    ----------
+    target : Path
+        A symbolic link is followed, and stays a link.
+    suffix : str
+        Extension of the file to write, with its dot.
+    overwrite : bool
+        Whether a file that has appeared at `target` meanwhile may be replaced.
+    """
+    place = Path(os.path.realpath(target))
+    folder = Path(tempfile.mkdtemp(prefix=".geomesh-", dir=place.parent))
+    try:
+        finished = folder / f"output{suffix}"
+        yield finished
+        _flush(finished)
+        if place.exists() and not overwrite:
+            raise OutputError(f"{target} was made by another program meanwhile; it was kept")
+        _replace(finished, place)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _flush(path: Path) -> None:
+    """Wait until the file is on the disk; a full one may tell only now."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _replace(finished: Path, place: Path) -> None:
+    moved: list[tuple[Path, Path]] = []
+    try:
+        for suffix in _COMPANIONS:
+            companion = place.with_name(place.name + suffix)
+            if companion.exists():
+                aside = finished.with_name(companion.name)
+                companion.replace(aside)
+                moved.append((aside, companion))
+        finished.replace(place)
+    except BaseException:
+        for aside, companion in moved:
+            aside.replace(companion)
+        raise
+    _flush_folder(place.parent)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Make the rename survive a power cut, where the system offers that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

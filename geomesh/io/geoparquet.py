@@ -1,0 +1,47 @@
+"""GeoParquet 1.1 (https://geoparquet.org/releases/v1.1.0), written by pyarrow."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+from pyproj import CRS
+
+from geomesh.io.batches import Feed, Layer
+from geomesh.io.document import KEY
+
+GEOMETRY = "geometry"
+BBOX = "bbox"
+
+
+def write_geoparquet(
+    layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, document: str
+) -> None:
+    """Write a layer with the bounding box of every row, by which readers skip row groups.
+
+    Parameters
+    ----------
+    layer : Layer
+    path : Path
+    feed : Feed
+        Hands out the batches; each becomes a row group.
+    crs : pyproj.CRS, optional
+    document : str
+        The metadata document, stored beside the `geo` key.
+    """
+    sides = ("xmin", "ymin", "xmax", "ymax")
+    column = {
+        "encoding": "WKB",
+        "geometry_types": [layer.geometry_type],
+        "crs": crs.to_json_dict() if crs else None,
+        "orientation": "counterclockwise",
+        "bbox": layer.bounds,
+        "covering": {"bbox": {side: [BBOX, side] for side in sides}},
+    }
+    geo = {"version": "1.1.0", "primary_column": GEOMETRY, "columns": {GEOMETRY: column}}
+    metadata = {"geo": json.dumps(geo), KEY: document}
+    schema = layer.schema(GEOMETRY, bbox=BBOX).with_metadata(metadata)
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        for batch in feed.batches(layer, GEOMETRY, bbox=BBOX):
+            writer.write_batch(batch)

@@ -1,0 +1,179 @@
+"""Reading back a mesh that geomesh wrote as a GeoPackage, with nothing lost."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyogrio
+from affine import Affine
+from numpy.typing import NDArray
+from pyogrio.errors import DataLayerError, DataSourceError
+from pyproj import CRS
+
+from geomesh.certificate import DomainFacts
+from geomesh.errors import MeshFileError
+from geomesh.grid import Grid
+from geomesh.io.document import FORMAT, KEY, RESERVED
+from geomesh.mesh import Mesh
+from geomesh.table import Table
+from geomesh.topology import build_edges
+
+_CORNERS = ("n0", "n1", "n2")
+
+
+def read_mesh(path: str | PathLike[str]) -> Mesh:
+    """Return the mesh in a GeoPackage that `geomesh.io.vector.write_mesh` made.
+
+    Nodes are taken from their `col` and `row`, not from the geometry, so they are
+    the same to the last bit. Constraints come in the order of the edges, the lower
+    node id first.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is missing, is not a GeoPackage of geomesh, lacks the nodes or
+        the triangles, or had rows or columns removed since it was written.
+    """
+    source = Path(path)
+    layers = _find_layers(source)
+    missing = [name for name in ("nodes", "triangles") if name not in layers]
+    if missing:
+        raise MeshFileError(
+            f"{path} has no layer {' or '.join(missing)}; write the mesh with all its layers "
+            "(without --layers)"
+        )
+    document = read_document(source)
+    stored = document["mesh"]
+    nodes = _read_columns(source, "nodes", {"col": "<f8", "row": "<f8"}, stored)
+    triangles = _read_columns(source, "triangles", dict.fromkeys(_CORNERS, "<i4"), stored)
+    corners = np.column_stack([triangles.pop(name) for name in _CORNERS])
+    if corners.min(initial=0) < 0 or corners.max(initial=0) >= stored["counts"]["nodes"]:
+        raise MeshFileError(
+            f"{path} has triangles of nodes that do not exist; use the file that geomesh wrote"
+        )
+    grid = stored["grid"]
+    return Mesh(
+        nodes=np.column_stack([nodes.pop("col"), nodes.pop("row")]),
+        triangles=corners,
+        grid=Grid(
+            grid["width"],
+            grid["height"],
+            Affine(*grid["transform"]),
+            CRS.from_wkt(grid["crs"]) if grid["crs"] else None,
+        ),
+        domain=DomainFacts(**stored["domain"]),
+        constraints=_read_constraints(source, layers, corners, stored),
+        plane_size=tuple(stored["plane_size"]),
+        node_table=Table(nodes),
+        triangle_table=Table(triangles),
+        metadata={key: value for key, value in document.items() if key not in RESERVED},
+    )
+
+
+def _find_layers(path: Path) -> set[str]:
+    if not path.exists():
+        raise MeshFileError(f"{path} does not exist")
+    try:
+        layers = {str(name) for name, _ in pyogrio.list_layers(path)}
+        driver = pyogrio.read_info(path, layer=min(layers))["driver"] if layers else ""
+    except (DataSourceError, DataLayerError) as error:
+        raise MeshFileError(
+            f"{path} cannot be read as a GeoPackage; name a .gpkg that geomesh wrote"
+        ) from error
+    if driver != "GPKG":
+        raise MeshFileError(
+            f"{path} is not a GeoPackage ({driver or 'it is empty'}); meshes are read back "
+            "from the .gpkg only"
+        )
+    return layers
+
+
+def read_document(path: str | PathLike[str]) -> dict[str, Any]:
+    """Return the metadata document of a mesh: see `geomesh.io.document.describe`.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is missing, or is not a GeoPackage of geomesh.
+    """
+    layer = min(_find_layers(Path(path)))
+    metadata = pyogrio.read_info(path, layer=layer)["layer_metadata"] or {}
+    try:
+        document: dict[str, Any] = json.loads(metadata[KEY])
+        version = document["mesh"]["format"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise MeshFileError(
+            f"{path} has no metadata of geomesh: it was made or saved anew by another program; "
+            "use the file that geomesh wrote"
+        ) from error
+    if version > FORMAT:
+        raise MeshFileError(
+            f"{path} was written by geomesh {document.get('geomesh')}, which is newer than this "
+            "one; upgrade geomesh"
+        )
+    return document
+
+
+def _read_columns(
+    path: Path, layer: str, own: dict[str, str], stored: dict[str, Any]
+) -> dict[str, NDArray[Any]]:
+    """Columns of a layer in the order of ids, each of the dtype that it had.
+
+    `own` names the columns that hold the geometry, with their dtypes.
+    """
+    dtypes = own | dict(stored["columns"][layer])
+    table = _read_layer(path, layer, list(dtypes), stored["counts"][layer])
+    columns = {}
+    for name, text in dtypes.items():
+        dtype = np.dtype(text)
+        # Null among floats is NaN; elsewhere, or in a geometry, a value was removed.
+        if table[name].null_count and (name in own or dtype.kind != "f"):
+            raise MeshFileError(
+                f"{path} has {layer} without {name!r}: values were removed; "
+                "use the file that geomesh wrote"
+            )
+        columns[name] = table[name].to_numpy().astype(dtype)
+    return columns
+
+
+def _read_layer(path: Path, layer: str, names: list[str], rows: int) -> pa.Table:
+    """Return the table of a layer in the order of ids."""
+    _, table = pyogrio.read_arrow(path, layer=layer, columns=["id", *names], read_geometry=False)
+    missing = [name for name in ("id", *names) if name not in table.column_names]
+    if missing:
+        raise MeshFileError(
+            f"{path} lacks the columns {', '.join(missing)} in {layer}: they were removed; "
+            "use the file that geomesh wrote"
+        )
+    table = table.sort_by("id")
+    if not np.array_equal(table["id"].to_numpy(), np.arange(rows)):
+        raise MeshFileError(
+            f"{path} should have {rows} {layer} with ids from 0: rows were removed or added; "
+            "use the file that geomesh wrote"
+        )
+    return table
+
+
+def _read_constraints(
+    path: Path, layers: set[str], triangles: NDArray[np.int32], stored: dict[str, Any]
+) -> NDArray[np.int32]:
+    """Node pairs, from the edges; without them the boundary, which they are by certificate."""
+    edges = build_edges(triangles)
+    chosen = np.zeros(len(edges.nodes), np.bool_)
+    if "edges" in layers:
+        table = _read_layer(path, "edges", ["constrained"], len(edges.nodes))
+        chosen = table["constrained"].to_numpy().astype(np.bool_)
+    elif stored["domain"]["kind"] != "hull":
+        chosen = edges.uses == 1
+    found: NDArray[np.int32] = edges.nodes[chosen]
+    if len(found) != stored["counts"]["constraints"]:
+        raise MeshFileError(
+            f"{path} has {len(found)} of {stored['counts']['constraints']} constrained edges; "
+            "write the mesh with all its layers (without --layers)"
+        )
+    return found

@@ -1,0 +1,287 @@
+"""Writing a mesh as GeoPackage, GeoJSON, FlatGeobuf or GeoParquet.
+
+GDAL (through pyogrio) writes the first three from Arrow batches, pyarrow the
+last. Every file carries the metadata document of `geomesh.io.document`.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+
+import pyarrow as pa
+import pyogrio
+from pyogrio.errors import DataLayerError, DataSourceError
+
+from geomesh._version import __version__
+from geomesh.errors import OutputError
+from geomesh.io.atomic import check_place, staged
+from geomesh.io.batches import Feed, Layer, Progress
+from geomesh.io.document import KEY, describe
+from geomesh.io.geojson import LonLatLayer
+from geomesh.io.geoparquet import BBOX, GEOMETRY, write_geoparquet
+from geomesh.io.verify import count_rows
+from geomesh.mesh import LAYERS, LayerName, Mesh
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format.
+
+    Parameters
+    ----------
+    driver : str
+        GDAL's name for it.
+    extensions : tuple of str
+        The first is the usual one.
+    geometry : str
+        Name of the geometry column.
+    reserved : tuple of str
+        Names of further columns that it makes by itself.
+    many_layers : bool
+        Whether one file holds several layers.
+    dataset_options, layer_options : mapping of str to str
+        GDAL's creation options.
+    """
+
+    driver: str
+    extensions: tuple[str, ...]
+    geometry: str = GEOMETRY
+    reserved: tuple[str, ...] = ()
+    many_layers: bool = False
+    dataset_options: Mapping[str, str] = field(default_factory=dict)
+    layer_options: Mapping[str, str] = field(default_factory=dict)
+
+
+GPKG = Format(
+    "GPKG",
+    (".gpkg",),
+    geometry="geom",
+    reserved=("fid",),
+    many_layers=True,
+    dataset_options={"VERSION": "1.2"},
+    layer_options={"SPATIAL_INDEX": "YES"},
+)
+GEOJSON = Format("GeoJSON", (".geojson", ".json"))
+FLATGEOBUF = Format("FlatGeobuf", (".fgb",), layer_options={"SPATIAL_INDEX": "YES"})
+PARQUET = Format("Parquet", (".parquet", ".geoparquet"), reserved=(BBOX,))
+FORMATS = (GPKG, GEOJSON, FLATGEOBUF, PARQUET)
+
+_WRITE_FAILURES = (OSError, DataSourceError, DataLayerError, pa.ArrowException, sqlite3.Error)
+
+
+def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
+    """Return the format that `driver` names, or else the extension of `path`.
+
+    Raises
+    ------
+    OutputError
+        If there is no such format.
+    """
+    if driver is not None:
+        for known in FORMATS:
+            if known.driver.lower() == driver.lower():
+                return known
+        names = ", ".join(known.driver for known in FORMATS)
+        raise OutputError(f"there is no vector format {driver!r}; choose from {names}")
+    suffix = Path(path).suffix.lower()
+    for known in FORMATS:
+        if suffix in known.extensions:
+            return known
+    extensions = ", ".join(known.extensions[0] for known in FORMATS)
+    raise OutputError(
+        f"{path} has no extension that names a format; choose from {extensions}, "
+        "or name one with --driver"
+    )
+
+
+def check_output(
+    path: str | PathLike[str], *, overwrite: bool = False, driver: str | None = None
+) -> None:
+    """Refuse an output that could not be written; meant to be called before any work.
+
+    Parameters
+    ----------
+    path : path-like
+    overwrite : bool
+        Whether an existing file may be replaced.
+    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet"}, optional
+        By the extension of `path` if not given.
+
+    Raises
+    ------
+    OutputError
+        If the format is unknown, the file exists, or its folder is missing or
+        cannot be written to.
+    """
+    find_format(path, driver)
+    check_place(Path(path), overwrite=overwrite)
+
+
+def write_mesh(
+    mesh: Mesh,
+    path: str | PathLike[str],
+    *,
+    layers: Iterable[LayerName] | None = None,
+    driver: str | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a mesh that passes its certificate; the file is there whole or not at all.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : path-like
+    layers : iterable of {"triangles", "edges", "nodes"}, optional
+        All three by default in a GeoPackage, else the triangles: the other formats
+        hold one layer.
+    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet"}, optional
+        By the extension of `path` if not given.
+    overwrite : bool
+        Replace an existing file, at the very end.
+    progress : callable(fraction, message), optional
+        Called before each batch of rows; an exception in it stops the writing.
+
+    Returns
+    -------
+    Path
+        `path`.
+
+    Raises
+    ------
+    OutputError
+        If the output cannot be written; what was there before is untouched.
+    CertificateError
+        If the mesh fails one of its checks.
+    GeoreferenceError
+        If GeoJSON is asked for and the nodes have no longitude and latitude.
+    """
+    target = Path(path)
+    check_output(target, overwrite=overwrite, driver=driver)
+    file_format = find_format(target, driver)
+    names = _choose_layers(layers, file_format)
+    certificate = mesh.certify()
+    certificate.require()
+    document = describe(mesh, certificate)
+    kind = LonLatLayer if file_format is GEOJSON else Layer
+    chosen = [kind.of(mesh, name) for name in names]
+    for layer in chosen:
+        _check_columns(layer, file_format)
+    feed = Feed(sum(len(layer) for layer in chosen), progress)
+    with (
+        _failures_told(target, feed),
+        staged(target, file_format.extensions[0], overwrite=overwrite) as temporary,
+    ):
+        for layer in chosen:
+            if file_format is PARQUET:
+                write_geoparquet(layer, temporary, feed, crs=mesh.grid.crs, document=document)
+            else:
+                _write_gdal(mesh, layer, temporary, feed, document, file_format)
+        _verify(temporary, chosen, file_format)
+        feed.tell("written")
+    return target
+
+
+def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
+    if layers is None:
+        return list(LAYERS if file_format.many_layers else LAYERS[:1])
+    asked = [layers] if isinstance(layers, str) else list(layers)
+    for name in asked:
+        if name not in LAYERS:
+            raise OutputError(f"there is no layer {name!r}; choose from {', '.join(LAYERS)}")
+    if not asked:
+        raise OutputError(f"no layer to write; choose from {', '.join(LAYERS)}")
+    chosen = [name for name in LAYERS if name in asked]
+    if len(chosen) > 1 and not file_format.many_layers:
+        raise OutputError(
+            f"{file_format.driver} holds one layer, not {', '.join(chosen)}; "
+            "choose one of them, or write .gpkg"
+        )
+    return chosen
+
+
+def _check_columns(layer: Layer, file_format: Format) -> None:
+    """Refuse names that the format takes for itself or cannot tell apart."""
+    taken = {file_format.geometry, *file_format.reserved}
+    for name in layer.columns:
+        # SQLite's column names know no case.
+        key = name.lower() if file_format is GPKG else name
+        if key in taken:
+            raise OutputError(
+                f"{file_format.driver} cannot hold a column {name!r} in {layer.name}: "
+                "rename the band or the attribute"
+            )
+        taken.add(key)
+
+
+@contextmanager
+def _failures_told(target: Path, feed: Feed) -> Iterator[None]:
+    """Tell what a library says of a failed write in one line, and pass on all else."""
+    try:
+        yield
+    except Exception as error:
+        if feed.failure is not None:
+            raise feed.failure from None
+        if not isinstance(error, _WRITE_FAILURES):
+            raise
+        reason = " ".join(str(error).split())
+        raise OutputError(
+            f"{target} could not be written: {reason}; free some space or choose another folder"
+        ) from error
+
+
+def _write_gdal(
+    mesh: Mesh, layer: Layer, path: Path, feed: Feed, document: str, file_format: Format
+) -> None:
+    crs = None if file_format is GEOJSON else mesh.grid.crs
+    geometry = file_format.geometry
+    reader = pa.RecordBatchReader.from_batches(
+        layer.schema(geometry), feed.batches(layer, geometry)
+    )
+    with warnings.catch_warnings():
+        # No CRS is meant: GeoJSON's is understood, and a mesh without one stays so.
+        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
+        pyogrio.write_arrow(
+            reader,
+            path,
+            layer=layer.name,
+            driver=file_format.driver,
+            geometry_name=geometry,
+            geometry_type=layer.geometry_type,
+            crs=crs.to_wkt() if crs else None,
+            layer_metadata={KEY: document},
+            dataset_options=dict(file_format.dataset_options),
+            layer_options=_layer_options(mesh, layer, document, file_format),
+        )
+
+
+def _layer_options(mesh: Mesh, layer: Layer, document: str, file_format: Format) -> dict[str, str]:
+    description = (
+        f"{layer.name.capitalize()} of a mesh of {len(mesh.nodes)} nodes and "
+        f"{len(mesh.triangles)} triangles, written by geomesh {__version__}"
+    )
+    options = {**file_format.layer_options, "DESCRIPTION": description}
+    if file_format is GEOJSON:
+        collection = {"type": "FeatureCollection", KEY: json.loads(document)}
+        options |= {
+            # Coordinates come rounded: COORDINATE_PRECISION would turn 44.9999997 into 45.
+            "SIGNIFICANT_FIGURES": "17",
+            # Members of the collection beside its features (RFC 7946, section 6.1).
+            "NATIVE_DATA": json.dumps(collection),
+            "NATIVE_MEDIA_TYPE": "application/vnd.geo+json",
+        }
+    return options
+
+
+def _verify(path: Path, layers: list[Layer], file_format: Format) -> None:
+    for layer in layers:
+        found = count_rows(path, layer.name, file_format.driver)
+        if found != len(layer):
+            raise OSError(f"only {found} of {len(layer)} {layer.name} arrived in the file")

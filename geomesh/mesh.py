@@ -1,0 +1,242 @@
+"""Mesh: the nodes, edges and triangles of an image, on the map, with their attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+import geopandas as gpd
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geomesh.certificate import Certificate, DomainFacts, certify
+from geomesh.errors import MissingExtraError
+from geomesh.grid import Grid, Points
+from geomesh.quality import Quality, measure
+from geomesh.table import Table, read_only
+from geomesh.topology import Edges, build_edges, edge_keys
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+LayerName = Literal["triangles", "edges", "nodes"]
+LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A conforming triangle mesh of a raster.
+
+    Parameters
+    ----------
+    nodes : float64 (N, 2)
+        Pixel-edge coordinates in `grid` (x right, y down).
+    triangles : int32 (T, 3)
+        Node ids, counter-clockwise on the map.
+    grid : Grid
+        The source raster's lattice.
+    domain : DomainFacts
+        The area that the mesh covers.
+    constraints : int32 (C, 2)
+        Node pairs that had to become edges: the outline.
+    plane_size : (int, int), optional
+        Width and height of the image that the pipeline worked on, in whose plane
+        lengths and angles are taken; the source's own by default.
+    node_table, triangle_table : Table
+        Attributes that cannot be derived from the geometry.
+    metadata : mapping
+        JSON-able: recipe, source, versions, warnings.
+    """
+
+    nodes: Points
+    triangles: NDArray[np.int32]
+    grid: Grid
+    domain: DomainFacts
+    constraints: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    plane_size: tuple[int, int] = (0, 0)
+    node_table: Table = field(default_factory=lambda: Table({}))
+    triangle_table: Table = field(default_factory=lambda: Table({}))
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "nodes", read_only(self.nodes, np.float64))
+        set_field(self, "triangles", read_only(self.triangles, np.int32))
+        set_field(self, "constraints", read_only(self.constraints, np.int32))
+        set_field(self, "metadata", MappingProxyType(dict(self.metadata)))
+        if self.plane_size == (0, 0):
+            set_field(self, "plane_size", (self.grid.width, self.grid.height))
+        for table, rows in ((self.node_table, self.nodes), (self.triangle_table, self.triangles)):
+            if len(table) and table.length != len(rows):
+                raise ValueError(f"a table of {table.length} rows beside {len(rows)} elements")
+
+    def __repr__(self) -> str:
+        crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
+        return f"<Mesh: {len(self.nodes)} nodes, {len(self.triangles)} triangles, {crs}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "metadata": dict(self.metadata)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"metadata": MappingProxyType(state["metadata"])})
+
+    @property
+    def plane_scale(self) -> tuple[float, float]:
+        """Factors in x and y from source pixels to the plane that was triangulated."""
+        return self.plane_size[0] / self.grid.width, self.plane_size[1] / self.grid.height
+
+    @cached_property
+    def plane_nodes(self) -> Points:
+        """Node coordinates, (N, 2), in the plane of the image that the pipeline worked on."""
+        return read_only(self.nodes * self.plane_scale)
+
+    @cached_property
+    def map_nodes(self) -> Points:
+        """Node coordinates, (N, 2), on the map."""
+        return read_only(self.grid.to_map(self.nodes))
+
+    @cached_property
+    def edges(self) -> Edges:
+        """The undirected edges with the triangles on either side."""
+        return build_edges(self.triangles)
+
+    def quality(self, space: Literal["image", "map"] = "image") -> Quality:
+        """Return Ki and the standard measures of every triangle.
+
+        Parameters
+        ----------
+        space : {"image", "map"}
+            Take lengths in the plane of the image that the pipeline worked on
+            (pixels), or in map coordinates (units of the CRS).
+        """
+        if space == "image":
+            return self._image_quality
+        west, south, east, north = self.grid.bounds()
+        return measure(self.map_nodes, self.triangles, size=(east - west, north - south))
+
+    @cached_property
+    def _image_quality(self) -> Quality:
+        width, height = self.plane_size
+        return measure(self.plane_nodes, self.triangles, size=(width, height))
+
+    def certify(self) -> Certificate:
+        """Check the mesh and return what was checked (see `geomesh.certificate`)."""
+        pixels = self.metadata.get("pixels", {})
+        return certify(
+            self.nodes,
+            self.triangles,
+            constraints=self.constraints,
+            plane_scale=self.plane_scale,
+            counter_clockwise=not self.grid.flips,
+            domain=self.domain,
+            covered_pixels=pixels.get("covered"),
+            counted_pixels=pixels.get("counted"),
+        )
+
+    def attributes(self, layer: LayerName) -> Table:
+        """Return the columns of a layer, in the order in which they are written.
+
+        docs/formats.md lists every column with its unit and meaning.
+        """
+        if layer == "triangles":
+            return self._triangle_attributes()
+        if layer == "edges":
+            return self._edge_attributes()
+        ids = np.arange(len(self.nodes), dtype=np.int32)
+        columns = {"id": ids, "col": self.nodes[:, 0], "row": self.nodes[:, 1]}
+        return Table(columns).with_columns(self.node_table)
+
+    def _triangle_attributes(self) -> Table:
+        corners = {f"n{k}": self.triangles[:, k] for k in range(3)}
+        measures = self.quality().table
+        shown = ("ab", "bc", "ca", "ki", "min_angle", "shape")
+        return Table(
+            {
+                "id": np.arange(len(self.triangles), dtype=np.int32),
+                **corners,
+                "area": self.grid.areas(self.nodes, self.triangles),
+                **{name: measures[name] for name in shown},
+                **self.triangle_table,
+            }
+        )
+
+    def _edge_attributes(self) -> Table:
+        edges = self.edges
+        ends = self.plane_nodes[edges.nodes]
+        return Table(
+            {
+                "id": np.arange(len(edges.nodes), dtype=np.int32),
+                "n0": edges.nodes[:, 0],
+                "n1": edges.nodes[:, 1],
+                "left": edges.left,
+                "right": edges.right,
+                "length": np.hypot(*(ends[:, 1] - ends[:, 0]).T),
+                "constrained": np.isin(edge_keys(edges.nodes), edge_keys(self.constraints)),
+            }
+        )
+
+    def to_geodataframe(self, layer: LayerName = "triangles") -> gpd.GeoDataFrame:
+        """Return a layer as a GeoDataFrame with CRS and attributes.
+
+        Parameters
+        ----------
+        layer : {"triangles", "edges", "nodes"}
+        """
+        if layer == "triangles":
+            rings = self.map_nodes[self.triangles[:, [0, 1, 2, 0]]]
+            geometry = shapely.polygons(rings)
+        elif layer == "edges":
+            geometry = shapely.linestrings(self.map_nodes[self.edges.nodes])
+        else:
+            geometry = shapely.points(self.map_nodes)
+        return gpd.GeoDataFrame(dict(self.attributes(layer)), geometry=geometry, crs=self.grid.crs)
+
+    def to_graph(self, library: Literal["scipy", "networkx", "libpysal"] = "scipy") -> Any:
+        """Return the mesh as a graph: its nodes, joined by its edges.
+
+        Parameters
+        ----------
+        library : {"scipy", "networkx", "libpysal"}
+
+        Returns
+        -------
+        scipy.sparse.csr_array (N, N), networkx.Graph or libpysal.graph.Graph
+            Symmetric; weights are edge lengths in map units.
+        """
+        from scipy import sparse
+
+        ends = self.edges.nodes
+        lengths = np.hypot(*(self.map_nodes[ends[:, 1]] - self.map_nodes[ends[:, 0]]).T)
+        row, col = np.concatenate([ends, ends[:, ::-1]]).T
+        count = len(self.nodes)
+        matrix = sparse.csr_array((np.tile(lengths, 2), (row, col)), shape=(count, count))
+        try:
+            if library == "networkx":
+                import networkx
+
+                return networkx.from_scipy_sparse_array(matrix)
+            if library == "libpysal":
+                from libpysal.graph import Graph
+
+                return Graph.from_sparse(matrix)
+        except ImportError as error:
+            raise MissingExtraError(
+                f"{library} is not installed: pip install 'geomesh-toolkit[graph]'"
+            ) from error
+        return matrix
+
+    def to_file(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the mesh; see `geomesh.io.vector.write_mesh` for the options."""
+        from geomesh.io.vector import write_mesh
+
+        write_mesh(self, path, **options)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the mesh with matplotlib; see `geomesh.figures.plot_mesh` for the options."""
+        from geomesh.figures import plot_mesh
+
+        return plot_mesh(self, **options)

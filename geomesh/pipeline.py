@@ -1,0 +1,200 @@
+"""The pipeline: raster -> gray -> Sobel -> (resize) -> Canny -> SIFT -> Delaunay -> Mesh."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh import columns, zonal
+from geomesh._version import __version__
+from geomesh.detect import SceneGray, detect
+from geomesh.errors import GeomeshWarning
+from geomesh.grid import Grid
+from geomesh.mesh import Mesh
+from geomesh.nodes import NodeSet, place_nodes
+from geomesh.preprocess import Tone, fit_tone
+from geomesh.progress import reporting
+from geomesh.raster import Reader, Scene, Source, open_scene
+from geomesh.recipe import Recipe
+from geomesh.table import Table
+from geomesh.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
+from geomesh.topology import Triangles
+from geomesh.triangulate import constrained_delaunay, delaunay
+
+# What a result may depend on, beside geomesh itself.
+_LIBRARIES = ("numba", "numpy", "opencv-contrib-python-headless", "pythoncdt", "rasterio")
+
+
+def mesh_raster(
+    source: Source,
+    *,
+    preset: str = "features",
+    recipe: Recipe | None = None,
+    bidx: Sequence[int] | None = None,
+    nodata: float | None = None,
+    bounds: tuple[float, float, float, float] | None = None,
+    mask: Any = None,
+    progress: bool | Progress = False,
+    **values: Any,
+) -> Mesh:
+    """Turn a raster into a triangle mesh.
+
+    Parameters
+    ----------
+    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+    preset : {"features", "paper"}
+        "features": nodes at the image's own resolution over the whole valid area;
+        "paper": the published system to the letter, at 256 x 256 pixels.
+    recipe : Recipe, optional
+        Takes the place of the preset.
+    bidx : sequence of int, optional
+        1-based bands to use; all but alpha by default.
+    nodata : float, optional
+        Takes the place of the file's own nodata value.
+    bounds : (west, south, east, north), optional
+        Box in map coordinates to crop to.
+    mask : path, GeoDataFrame or GeoSeries, optional
+        Area of interest.
+    progress : bool or callable(fraction, message)
+        True shows a progress bar; a callable may raise to cancel.
+    **values
+        Parameters of the recipe to change, such as ``nodes=5000``.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    GeomeshError
+        With one line that says what is wrong and what to do.
+
+    Examples
+    --------
+    >>> import geomesh
+    >>> mesh = geomesh.mesh_raster("data_samples/olinda_landsat7_rgb_uint8.tif", nodes=500)
+    >>> len(mesh.nodes), mesh.certify().passed
+    (500, True)
+    """
+    recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
+    with warnings.catch_warnings(record=True) as caught, reporting(progress) as report:
+        warnings.simplefilter("always", GeomeshWarning)
+        scene = open_scene(source, bidx=bidx, nodata=nodata, bounds=bounds, mask=mask)
+        for note in scene.notes:
+            warnings.warn(note, GeomeshWarning, stacklevel=1)
+        mesh = mesh_scene(scene, recipe, report)
+    for item in caught:
+        warnings.warn(item.message, item.category, stacklevel=2)
+    told = [str(item.message) for item in caught if issubclass(item.category, GeomeshWarning)]
+    return replace(mesh, metadata={**mesh.metadata, "warnings": told})
+
+
+def mesh_scene(scene: Scene, recipe: Recipe, progress: Progress) -> Mesh:
+    """Run the stages on a scene, one after the other."""
+    with scene.open() as reader:
+        tone = scene_tone(scene, reader, recipe)
+        image = SceneGray(reader, tone, recipe.sobel, scene.grid.extent)
+        detection = detect(image, recipe, part_of(progress, 0, 0.6))
+        progress(0.6, "Triangulating")
+        nodes = place_nodes(detection, scene.grid, recipe)
+        nodes, triangles = triangulate(nodes, scene.grid, detection.size)
+        statistics = _measure(nodes, triangles, scene, reader, part_of(progress, 0.7, 1))
+    names = columns.band_names([band.description for band in scene.bands])
+    return Mesh(
+        nodes=nodes.points,
+        triangles=triangles,
+        grid=scene.grid,
+        domain=nodes.domain,
+        constraints=nodes.segments,
+        plane_size=detection.size,
+        node_table=nodes.table.with_columns(columns.node_columns(statistics, names)),
+        triangle_table=Table(
+            {
+                **columns.triangle_columns(statistics, names, recipe.statistics),
+                "color": _colors(statistics.mean, scene, tone),
+            }
+        ),
+        metadata={
+            "recipe": recipe.to_dict(),
+            "source": _describe(scene, names),
+            "canny": {"low": detection.thresholds.low, "high": detection.thresholds.high},
+            "pixels": {
+                "covered": int(statistics.pixels.sum()),
+                "counted": int(statistics.count.sum()),
+            },
+            "versions": {"geomesh": __version__, **{name: version(name) for name in _LIBRARIES}},
+        },
+    )
+
+
+def scene_tone(scene: Scene, reader: Reader, recipe: Recipe) -> Tone:
+    """Return how the scene's pixel values become gray levels and colours."""
+    bands, valid = scene.overview(reader)
+    numbers = [band.index for band in scene.bands]
+    return fit_tone(bands, valid, recipe, rgb=scene.rgb, numbers=numbers)
+
+
+def triangulate(
+    nodes: NodeSet, grid: Grid, plane_size: tuple[int, int]
+) -> tuple[NodeSet, Triangles]:
+    """Return the nodes that are in use, and the triangles counter-clockwise on the map.
+
+    Parameters
+    ----------
+    nodes : NodeSet
+    grid : Grid
+        The source's lattice.
+    plane_size : (int, int)
+        Width and height of the image in whose plane circumcircles are to be empty.
+    """
+    plane = nodes.points * (plane_size[0] / grid.width, plane_size[1] / grid.height)
+    if len(nodes.segments):
+        triangles, used = constrained_delaunay(plane, nodes.segments)
+    else:
+        triangles, used = delaunay(plane)
+    new_id = np.full(len(nodes.points), -1, np.int32)
+    new_id[used] = np.arange(len(used), dtype=np.int32)
+    triangles = new_id[triangles]
+    if grid.flips:
+        triangles = triangles[:, [0, 2, 1]]
+    kept = NodeSet(nodes.points[used], nodes.table.take(used), new_id[nodes.segments], nodes.domain)
+    return kept, np.ascontiguousarray(triangles)
+
+
+def _measure(
+    nodes: NodeSet, triangles: Triangles, scene: Scene, reader: Reader, progress: Progress
+) -> zonal.Statistics:
+    def measure(tile: Tile) -> zonal.TilePartial:
+        bands, valid = reader.read(tile.read)
+        return zonal.measure_tile(nodes.points, triangles, bands, valid, tile.read, tile.core)
+
+    tiles = plan_tiles(scene.grid.extent, halo=1)
+    partials = map_tiles(measure, tiles, progress=progress, message="Measuring triangles")
+    return zonal.merge(partials, len(triangles), len(nodes.points), len(scene.bands))
+
+
+def _colors(means: NDArray[np.float64], scene: Scene, tone: Tone) -> NDArray[np.str_]:
+    """Return the colour of each triangle: its mean in the display bands."""
+    shown = scene.rgb or ((0, 1, 2) if len(scene.bands) > 2 else (0, 0, 0))
+    return columns.colors(np.ascontiguousarray(tone.display(means)[list(shown)].T))
+
+
+def _describe(scene: Scene, names: Sequence[str]) -> dict[str, Any]:
+    """Return what is needed to find the same pixels again."""
+    window = scene.window
+    return {
+        "name": scene.name,
+        "window": [window.col, window.row, window.width, window.height],
+        "bands": {
+            name: {"index": band.index, "description": band.description}
+            for name, band in zip(names, scene.bands, strict=True)
+        },
+        "nodata": scene.nodata,
+        "area": scene.area.wkt if scene.area is not None else None,
+    }

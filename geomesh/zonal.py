@@ -1,0 +1,322 @@
+"""What the raster holds in each triangle and at each node.
+
+A tile is measured by itself (`measure_tile`) and the partial results are merged
+in the order of the tile plan (`merge`), so that the outcome is the same to the
+last bit whichever process measured which tile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.grid import Points, Window
+from geomesh.jit import kernel
+from geomesh.scan import Corners, column_range, row_range, sort_corners
+from geomesh.table import read_only
+from geomesh.topology import Triangles
+
+Floats = NDArray[np.float64]
+Ids = NDArray[np.int32]
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class TilePartial:
+    """What one tile adds to the statistics of a mesh.
+
+    Parameters
+    ----------
+    index : int32 (K,)
+        The triangles that own a pixel of the tile's core, each once.
+    pixels, count : int64 (K,)
+        Pixels of the core that they own, and the valid ones among them.
+    moments : float64 (4, B, K)
+        Mean, sum of squared deviations from it, least and greatest value of the
+        valid pixels; without meaning where the count is 0.
+    centroid_index : int32 (C,)
+        The triangles without valid pixel here whose centroid lies in the core.
+    centroid_values : float64 (B, C)
+        Value of the pixel that holds the centroid, NaN if it is not valid.
+    node_index : int32 (M,)
+        The nodes in the core.
+    node_values : float64 (B, M)
+        Value at the node, NaN if no pixel around it is valid.
+    """
+
+    index: Ids
+    pixels: Counts
+    count: Counts
+    moments: Floats
+    centroid_index: Ids
+    centroid_values: Floats
+    node_index: Ids
+    node_values: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Band statistics of a mesh; read-only.
+
+    Parameters
+    ----------
+    pixels, count : int64 (T,)
+        Pixels whose centre the triangle owns, and the valid ones among them.
+    mean, std, min, max : float64 (B, T)
+        Of the valid pixels; `std` is that of the population (divided by the
+        count). A triangle without valid pixel has the value of the pixel that
+        holds its centroid and `std` 0; NaN if that is not valid either.
+    node_values : float64 (B, N)
+        Bilinear between pixel centres, over the valid ones; NaN where none is.
+    """
+
+    pixels: Counts
+    count: Counts
+    mean: Floats
+    std: Floats
+    min: Floats
+    max: Floats
+    node_values: Floats
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
+
+
+def measure_tile(
+    nodes: Points,
+    triangles: Triangles,
+    bands: NDArray[Any],
+    valid: NDArray[np.bool_],
+    window: Window,
+    core: Window,
+) -> TilePartial:
+    """Measure the pixels, centroids and nodes in the core of a tile.
+
+    Parameters
+    ----------
+    nodes : float64 (N, 2)
+        Pixel-edge coordinates of the whole mesh.
+    triangles : int32 (T, 3)
+        All triangles, of either orientation.
+    bands : any real dtype, (B, h, w)
+        Values as read, finite where valid; taken as float64.
+    valid : bool (h, w)
+    window : Window
+        What `bands` and `valid` cover: the core and at least one pixel around it,
+        save where the image ends. A core without a pixel beyond it on some side
+        is taken to end with the image there.
+    core : Window
+        The pixels that this tile answers for.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit the window, or the core is not inside it.
+    """
+    if bands.ndim != 3 or bands.shape[1:] != window.shape or valid.shape != window.shape:
+        raise ValueError(f"bands {bands.shape} and valid {valid.shape} do not cover {window}")
+    if window.clip(core) != core:
+        raise ValueError(f"the core {core} is not inside {window}")
+    bands, valid = _native(bands), np.ascontiguousarray(valid, dtype=np.bool_)
+    near = _near(nodes, triangles, core)
+    pixels, count = np.zeros((2, len(near)), np.int64)
+    moments = np.zeros((4, len(bands), len(near)))
+    origin = (window.row, window.col)
+    box = (core.row, core.stop_row, core.col, core.stop_col)
+    flat = bands.reshape(len(bands), -1)
+    _scan_triangles(nodes, triangles, near, flat, valid, origin, box, pixels, count, moments)
+    owning, without = pixels > 0, near[count == 0]
+    centroids = nodes[triangles[without]].mean(axis=1)
+    held = _inside(centroids, window, core)
+    mine = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
+    return TilePartial(
+        index=near[owning],
+        pixels=pixels[owning],
+        count=count[owning],
+        moments=moments[:, :, owning],
+        centroid_index=without[held],
+        centroid_values=_sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
+        node_index=mine,
+        node_values=_interpolate(nodes[mine], bands, valid, window),
+    )
+
+
+def merge(
+    partials: Iterable[TilePartial], n_triangles: int, n_nodes: int, n_bands: int
+) -> Statistics:
+    """Merge the partial results of the tiles of an image, in the order given.
+
+    Means and squared deviations are combined pairwise (Chan, Golub and LeVeque
+    1983), so that no squares of the values themselves are ever subtracted.
+    """
+    pixels, count = np.zeros((2, n_triangles), np.int64)
+    mean, m2 = np.zeros((2, n_bands, n_triangles))
+    low = np.full((n_bands, n_triangles), np.inf)
+    high = np.full((n_bands, n_triangles), -np.inf)
+    centroid = np.full((n_bands, n_triangles), np.nan)
+    node_values = np.full((n_bands, n_nodes), np.nan)
+    for part in partials:
+        pixels[part.index] += part.pixels
+        some = part.count > 0
+        index, added = part.index[some], part.count[some]
+        part_mean, part_m2, part_low, part_high = part.moments[:, :, some]
+        before = count[index]
+        count[index] += added
+        share = added / count[index]
+        delta = part_mean - mean[:, index]
+        mean[:, index] += delta * share
+        m2[:, index] += part_m2 + delta * (before * share) * delta
+        low[:, index] = np.minimum(low[:, index], part_low)
+        high[:, index] = np.maximum(high[:, index], part_high)
+        centroid[:, part.centroid_index] = part.centroid_values
+        node_values[:, part.node_index] = part.node_values
+    std = np.sqrt(m2 / np.maximum(count, 1))
+    none = count == 0
+    for result in (mean, low, high):
+        result[:, none] = centroid[:, none]
+    std[:, none] = np.where(np.isnan(centroid[:, none]), np.nan, 0.0)
+    return Statistics(pixels, count, mean, std, low, high, node_values)
+
+
+def _native(bands: NDArray[Any]) -> NDArray[Any]:
+    """Return the bands, contiguous, in a type that kernels can be compiled for."""
+    if bands.dtype.kind not in "iuf" or bands.dtype.itemsize > 8 or bands.dtype == np.float16:
+        bands = bands.astype(np.float64)
+    return np.ascontiguousarray(bands, dtype=bands.dtype.newbyteorder("="))
+
+
+def _near(nodes: Points, triangles: Triangles, core: Window) -> Ids:
+    """Return the triangles whose bounding box meets the core.
+
+    A box misses it if all three corners lie beyond the same side.
+    """
+    x, y = nodes.T
+    sides = (x < core.col, x > core.stop_col, y < core.row, y > core.stop_row)
+    beyond = np.packbits(sides, axis=0)[0]
+    missed = beyond[triangles[:, 0]] & beyond[triangles[:, 1]] & beyond[triangles[:, 2]]
+    return np.flatnonzero(missed == 0).astype(np.int32)
+
+
+def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:
+    """Tell which points the core holds: half-open, but without limit where the image ends.
+
+    So a node on the image's right or lower border has a tile, too.
+    """
+    left = -np.inf if core.col == window.col else core.col
+    right = np.inf if core.stop_col == window.stop_col else core.stop_col
+    top = -np.inf if core.row == window.row else core.row
+    bottom = np.inf if core.stop_row == window.stop_row else core.stop_row
+    x, y = points.T
+    inside: NDArray[np.bool_] = (x >= left) & (x < right) & (y >= top) & (y < bottom)
+    return inside
+
+
+def _sample(
+    x: Floats, y: Floats, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
+) -> Floats:
+    """Return the values (B, P) of the pixels at x, y; NaN where not valid or not there."""
+    col, row = np.floor(x).astype(np.intp) - window.col, np.floor(y).astype(np.intp) - window.row
+    there = (col >= 0) & (col < window.width) & (row >= 0) & (row < window.height)
+    col, row = np.where(there, col, 0), np.where(there, row, 0)
+    return np.where(there & valid[row, col], bands[:, row, col].astype(np.float64), np.nan)
+
+
+def _interpolate(
+    points: Points, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
+) -> Floats:
+    """Return values (B, P), bilinear between the four pixel centres around each point.
+
+    The weights of pixels that are not valid, or beyond the image, go to the others.
+    """
+    x, y = points.T - 0.5
+    left, top = np.floor(x), np.floor(y)
+    total, values = np.zeros((2, len(bands), len(points)))
+    for across, wide in ((left, 1 - (x - left)), (left + 1, x - left)):
+        for down, high in ((top, 1 - (y - top)), (top + 1, y - top)):
+            sample = _sample(across, down, bands, valid, window)
+            weight = np.where(np.isnan(sample), 0.0, wide * high)
+            total += weight
+            values += np.where(weight > 0, weight * sample, 0.0)
+    return values / np.where(total > 0, total, np.nan)
+
+
+@kernel
+def _scan_triangles(
+    nodes: Points,
+    triangles: Triangles,
+    chosen: Ids,
+    values: NDArray[Any],
+    valid: NDArray[np.bool_],
+    origin: tuple[int, int],
+    box: tuple[int, int, int, int],
+    pixels: Counts,
+    count: Counts,
+    moments: Floats,
+) -> None:
+    """Fill `pixels`, `count` (K,) and `moments` (4, B, K): mean, m2, low, high.
+
+    `values` (B, h * w) and `valid` (h, w) begin at the pixel `origin` (row, col);
+    only those in `box` (first and stop row, first and stop column) are counted.
+    """
+    members = np.empty((box[1] - box[0]) * (box[3] - box[2]), np.intp)
+    for k in range(len(chosen)):
+        a, b, c = triangles[chosen[k]]
+        corners = sort_corners(
+            nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
+        )
+        pixels[k], count[k] = _collect(corners, valid, origin, box, members)
+        if count[k] > 0:
+            for band in range(len(values)):
+                mean, m2, low, high = _moments(values[band], members[: count[k]])
+                moments[0, band, k], moments[1, band, k] = mean, m2
+                moments[2, band, k], moments[3, band, k] = low, high
+
+
+@kernel
+def _collect(
+    corners: Corners,
+    valid: NDArray[np.bool_],
+    origin: tuple[int, int],
+    box: tuple[int, int, int, int],
+    members: NDArray[np.intp],
+) -> tuple[int, int]:
+    """List the flat positions of a triangle's valid pixels; return (owned, valid) pixels."""
+    owned, found = 0, 0
+    top, bottom = row_range(corners, box[0], box[1])
+    for row in range(top, bottom):
+        first, last = column_range(corners, row, box[2], box[3])
+        owned += max(last - first, 0)
+        r, shift = row - origin[0], (row - origin[0]) * valid.shape[1] - origin[1]
+        for col in range(first, last):
+            # Written in any case, kept if valid: a branch would cost more.
+            members[found] = shift + col
+            found += valid[r, col - origin[1]]
+    return owned, found
+
+
+@kernel
+def _moments(values: NDArray[Any], members: NDArray[np.intp]) -> tuple[float, float, float, float]:
+    """Mean, sum of squared deviations, least and greatest of ``values[members]``.
+
+    Two passes, the first relative to the first value, the second to the mean: no
+    digits are lost where the values are large and their differences small.
+    """
+    start = float(values[members[0]])
+    total, low, high = 0.0, start, start
+    for member in members:
+        value = float(values[member])
+        total += value - start
+        low, high = min(low, value), max(high, value)
+    mean = start + total / len(members)
+    squares, rest = 0.0, 0.0
+    for member in members:
+        deviation = float(values[member]) - mean
+        squares += deviation * deviation
+        rest += deviation
+    # What rounding left in the mean (Chan, Golub and LeVeque 1983).
+    return mean, max(squares - rest * rest / len(members), 0.0), low, high

@@ -1,0 +1,768 @@
+"""Files: every format is read back by geopandas, and what fails leaves no trace."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pyarrow.parquet as pq
+import pyogrio
+import pytest
+import shapely
+from affine import Affine
+from pyproj import CRS, Transformer
+from scipy.spatial import ConvexHull, Delaunay
+
+from geomesh.certificate import DomainFacts
+from geomesh.errors import CertificateError, GeoreferenceError, MeshFileError, OutputError
+from geomesh.grid import Grid
+from geomesh.io import batches, verify
+from geomesh.io.read import read_mesh
+from geomesh.io.vector import check_output, write_mesh
+from geomesh.mesh import LAYERS, Mesh
+from geomesh.table import Table
+from geomesh.topology import boundary_edges, edge_keys
+
+EXTENSIONS = (".gpkg", ".geojson", ".fgb", ".parquet")
+UTM = "EPSG:32723"
+NORTH_UP = Affine(10, 0, 500_000, 0, -10, 7_000_000)
+GEOSTATIONARY = "+proj=geos +lon_0=-75 +h=35786023 +sweep=x"
+MARS = "IAU_2015:49900"
+GRIDS = {
+    "north-up": Grid(50, 40, NORTH_UP, CRS(UTM)),
+    "rotated": Grid(50, 40, NORTH_UP @ Affine.rotation(30), CRS(UTM)),
+    "flipped": Grid(50, 40, Affine(10, 0, 500_000, 0, 10, 7_000_000), CRS(UTM)),
+    "geographic": Grid(50, 40, Affine(0.01, 0, -44, 0, -0.01, -22), CRS("EPSG:4326")),
+    "no CRS": Grid(50, 40),
+    "custom CRS": Grid(50, 40, NORTH_UP, CRS("+proj=laea +lat_0=-27 +lon_0=-45")),
+    "geostationary": Grid(50, 40, Affine(2e5, 0, -5e6, 0, -2e5, 4e6), CRS(GEOSTATIONARY)),
+    "Mars": Grid(50, 40, Affine(0.01, 0, 10, 0, -0.01, 20), CRS(MARS)),
+}
+
+
+def two_triangles(grid: Grid = GRIDS["north-up"], corner: float = 4.0) -> Mesh:
+    """A square cut along a diagonal, whose outline is constrained.
+
+    0---1        x right, y down
+    | / |
+    3---2
+    """
+    nodes = np.array([[0, 0], [corner, 0], [corner, corner], [0, corner]], np.float64)
+    triangles = np.array([[0, 3, 1], [1, 3, 2]], np.int32)
+    if not grid.flips:
+        triangles = triangles[:, ::-1]
+    outline = np.array([[3, 2], [0, 1], [3, 0], [1, 2]], np.int32)
+    return Mesh(
+        nodes,
+        triangles,
+        grid,
+        DomainFacts("valid", corner**2, 1, 0, int(corner**2), int(corner**2)),
+        constraints=outline,
+    )
+
+
+def random_mesh(grid: Grid = GRIDS["north-up"], count: int = 200) -> Mesh:
+    """The Delaunay triangulation of random nodes, with a column of every type."""
+    random = np.random.default_rng(count)
+    nodes = random.uniform(0, 1, (count, 2)) * (grid.width, grid.height)
+    triangles = Delaunay(nodes).simplices.astype(np.int32)
+    (ax, ay), (bx, by) = np.moveaxis(np.diff(grid.to_map(nodes)[triangles], axis=1), 0, -1)
+    clockwise = ax * by - ay * bx < 0
+    triangles[clockwise] = triangles[clockwise][:, ::-1]
+    rows = len(triangles)
+    mean = random.uniform(0, 255, rows)
+    mean[::7] = np.nan
+    return Mesh(
+        nodes,
+        triangles,
+        grid,
+        DomainFacts("hull", ConvexHull(nodes).volume, 1, 0, grid.width * grid.height),
+        plane_size=(100, 80),
+        node_table=Table(
+            {
+                "kind": np.where(np.arange(count) % 3, "feature", "border"),
+                "octave": random.integers(0, 256, count).astype(np.uint8),
+                "response": random.random(count).astype(np.float32),
+                "b1": random.integers(0, 65_536, count).astype(np.uint16),
+            }
+        ),
+        triangle_table=Table(
+            {
+                "count": np.arange(rows, dtype=np.int64) + 2**53 + 1,
+                "b1_mean": mean,
+                "b1_std": mean.astype(np.float32),
+                "inside": np.arange(rows) % 2 == 0,
+                "color": np.array([f"#{value:06x}" for value in random.integers(0, 1 << 24, rows)]),
+                "name": np.array(["", "é", "水域"])[np.arange(rows) % 3],
+            }
+        ),
+        metadata={
+            "recipe": {"canny_low": 0.1, "nodes": None},
+            "source": {"path": "São Paulo.tif", "nodata": 1e300 / 3},
+            "warnings": ["<&>\"'\n"],
+        },
+    )
+
+
+def lattice(crs: str, transform: Affine, width: int = 20, height: int = 20) -> Mesh:
+    """Every cell of a grid cut into two: no slivers, so all edges are short."""
+    x, y = np.meshgrid(np.arange(width + 1), np.arange(height + 1))
+    nodes = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    corner = (np.arange(height)[:, None] * (width + 1) + np.arange(width)).ravel()
+    right, below = corner + 1, corner + width + 1
+    triangles = np.concatenate(
+        [np.column_stack([corner, below, right]), np.column_stack([right, below, below + 1])]
+    )
+    facts = DomainFacts("hull", width * height, 1, 0, width * height)
+    return Mesh(nodes, triangles, Grid(width, height, transform, CRS(crs)), facts)
+
+
+@pytest.fixture(params=EXTENSIONS)
+def extension(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(params=GRIDS)
+def any_mesh(request: pytest.FixtureRequest) -> Mesh:
+    return random_mesh(GRIDS[request.param])
+
+
+def read(path: Path, layer: str = "triangles") -> gpd.GeoDataFrame:
+    if path.suffix == ".parquet":
+        frame = gpd.read_parquet(path)
+    else:
+        frame = gpd.read_file(path, layer=layer)
+    return frame.sort_values("id", ignore_index=True)
+
+
+def hidden(folder: Path) -> list[str]:
+    return [entry.name for entry in folder.iterdir() if entry.name.startswith(".")]
+
+
+def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+    )
+
+
+# --- what is written -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_attributes_and_rows_are_read_back(
+    tmp_path: Path, extension: str, layer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batches, "BATCH_ROWS", 64)
+    mesh = random_mesh()
+    frame = read(write_mesh(mesh, tmp_path / f"mesh{extension}", layers=[layer]), layer)
+    expected = mesh.attributes(layer)
+    assert [name for name in frame.columns if name not in ("geometry", "bbox")] == list(expected)
+    for name, values in expected.items():
+        found = frame[name].to_numpy()
+        if values.dtype.kind == "f":
+            # GDAL writes 8 digits of a float32 into GeoJSON.
+            loose = extension == ".geojson" and values.dtype == np.float32
+            np.testing.assert_allclose(found, values, rtol=1e-7 if loose else 0, err_msg=name)
+        else:
+            assert found.tolist() == values.tolist(), name
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_geometry_is_exact_on_the_map(tmp_path: Path, any_mesh: Mesh, layer: str) -> None:
+    expected = any_mesh.to_geodataframe(layer).geometry.values
+    for extension in (".gpkg", ".fgb", ".parquet"):
+        frame = read(write_mesh(any_mesh, tmp_path / f"mesh{extension}", layers=[layer]), layer)
+        assert shapely.equals_identical(frame.geometry.values, expected).all()
+        if layer == "triangles":
+            assert frame.geometry.is_valid.all()
+            assert shapely.is_ccw(shapely.get_exterior_ring(frame.geometry.values)).all()
+
+
+def test_crs_keeps_its_authority_and_none_stays_none(tmp_path: Path) -> None:
+    for extension in (".gpkg", ".fgb", ".parquet"):
+        for crs in (CRS(UTM), CRS("EPSG:4326"), CRS("EPSG:2180"), None):
+            mesh = two_triangles(Grid(50, 40, NORTH_UP, crs))
+            path = write_mesh(mesh, tmp_path / f"mesh{extension}", overwrite=True)
+            frame = read(path)
+            assert frame.crs == crs
+            if crs is not None:
+                assert frame.crs.to_authority() == crs.to_authority()
+
+
+def test_geojson_is_rfc_7946(tmp_path: Path) -> None:
+    mesh = random_mesh(GRIDS["rotated"])
+    path = write_mesh(mesh, tmp_path / "mesh.json")
+    document = json.loads(path.read_text())
+    assert "crs" not in document
+    assert document["geomesh"]["recipe"] == mesh.metadata["recipe"]
+    frame = read(path)
+    assert frame.crs == "EPSG:4326"
+    assert frame.geometry.is_valid.all()
+    assert shapely.is_ccw(shapely.get_exterior_ring(frame.geometry.values)).all()
+    expected = mesh.to_geodataframe().to_crs("EPSG:4326").geometry.values
+    found = frame.geometry.values
+    worst = shapely.hausdorff_distance(found, expected).max()
+    assert worst < 1e-7
+    coordinates = shapely.get_coordinates(found)
+    np.testing.assert_array_equal(coordinates, coordinates.round(7))
+
+
+def test_geojson_keeps_slivers_triangles(tmp_path: Path) -> None:
+    # 0.1 mm wide and along a meridian: at 7 decimals both would be lines.
+    mesh = two_triangles(Grid(50, 40, Affine(0.000025, 0, 5e5, 0, -1000, 7e6), CRS(UTM)))
+    frame = read(write_mesh(mesh, tmp_path / "mesh.geojson"))
+    assert set(frame.geom_type) == {"Polygon"}
+    assert frame.geometry.is_valid.all()
+    assert (shapely.area(frame.geometry.values) > 0).all()
+
+
+def test_geopackage_is_version_1_2_with_spatial_indexes(tmp_path: Path) -> None:
+    mesh = random_mesh()
+    path = write_mesh(mesh, tmp_path / "mesh.gpkg")
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("PRAGMA user_version").fetchone() == (10_200,)
+        assert database.execute("PRAGMA application_id").fetchone() == (0x47504B47,)
+        for layer in LAYERS:
+            rows = database.execute(f"SELECT count(*) FROM rtree_{layer}_geom").fetchone()
+            assert rows == (len(mesh.attributes(layer)["id"]),)
+        described = dict(
+            database.execute("SELECT table_name, description FROM gpkg_contents").fetchall()
+        )
+    assert list(pyogrio.list_layers(path)[:, 0]) == list(LAYERS)
+    assert described["edges"].startswith("Edges of a mesh of 200 nodes")
+
+
+def test_metadata_travels_in_every_format(tmp_path: Path, extension: str) -> None:
+    mesh = random_mesh()
+    path = write_mesh(mesh, tmp_path / f"mesh{extension}", layers=["nodes"])
+    if extension == ".parquet":
+        text = pq.read_schema(path).metadata[b"geomesh"]
+    elif extension == ".geojson":
+        text = json.dumps(json.loads(path.read_text())["geomesh"])
+    else:
+        text = pyogrio.read_info(path, layer="nodes")["layer_metadata"]["geomesh"]
+    document = json.loads(text)
+    assert document["source"] == mesh.metadata["source"]
+    assert document["warnings"] == mesh.metadata["warnings"]
+    assert document["certificate"]["passed"] is True
+    assert document["mesh"]["counts"]["nodes"] == 200
+
+
+def test_metadata_is_valid_json_whatever_numbers_it_holds(tmp_path: Path) -> None:
+    source = {"nodata": float("nan"), "size": np.int64(3), 5: (np.float32(0.5), float("inf"))}
+    mesh = replace(two_triangles(), metadata={"source": source})
+    path = write_mesh(mesh, tmp_path / "mesh.geojson")
+    document = json.loads(path.read_text(), parse_constant=pytest.fail)
+    assert document["geomesh"]["source"] == {"nodata": None, "size": 3, "5": [0.5, None]}
+
+
+def test_geoparquet_can_be_read_by_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "BATCH_ROWS", 50)
+    mesh = random_mesh()
+    path = write_mesh(mesh, tmp_path / "mesh.parquet")
+    west, south, east, north = mesh.grid.bounds()
+    box = (west, south, (west + east) / 2, (south + north) / 2)
+    expected = mesh.to_geodataframe()
+    boxes = expected.geometry.intersects(shapely.box(*box).envelope)
+    found = gpd.read_parquet(path, bbox=box)
+    assert 0 < len(found) < len(expected)
+    assert set(expected["id"][boxes]) <= set(found["id"])
+    geo = json.loads(pq.read_schema(path).metadata[b"geo"])
+    assert geo["version"] == "1.1.0"
+    column = geo["columns"][geo["primary_column"]]
+    np.testing.assert_array_equal(column["bbox"], expected.total_bounds)
+    assert pq.read_metadata(path).row_group(0).column(0).compression == "ZSTD"
+    missing = np.isnan(mesh.triangle_table["b1_mean"]).sum()
+    assert pq.read_table(path)["b1_mean"].null_count == missing
+
+
+# --- longitude and latitude ------------------------------------------------------------
+
+ASLANT = Affine.rotation(10)
+AROUND_THE_WORLD = {
+    "179 to 181": lattice("EPSG:4326", Affine(0.1, 0, 179, 0, -0.1, 20)),
+    "-190 to -170": lattice("EPSG:4326", Affine(1, 0, -190, 0, -1, 20)),
+    "0 to 360, pole to pole": lattice("EPSG:4326", Affine(18, 0, 0, 0, -9, 90)),
+    "NAD27": lattice("EPSG:4267", Affine(0.1, 0, 179.03, 0, -0.1, 60)),
+    "Mercator of the Pacific": lattice("EPSG:3832", Affine(2e4, 0, 3.1e6, 0, -2e4, 2e5)),
+    "UTM 1": lattice("EPSG:32601", Affine(1e4, 0, 2.53e5, 0, -1e4, 7e6)),
+    "Robinson of the Pacific": lattice(
+        "+proj=robin +lon_0=150", Affine(1e6, 0, -1e7, 0, -5e5, 5e6)
+    ),
+    "beside the pole": lattice("EPSG:3413", ASLANT @ Affine(1e5, 0, -1.05e6, 0, -1e5, 2.55e6)),
+    "pole in a node": lattice("EPSG:3413", ASLANT @ Affine(1e5, 0, -1e6, 0, -1e5, 1e6)),
+    "pole in an edge": lattice("EPSG:3413", ASLANT @ Affine(1e5, 0, -1e6, 0, -1e5, 1.05e6)),
+    "pole in a triangle": lattice("EPSG:3413", Affine(1e5, 0, -1.02e6, 0, -1e5, 1.03e6)),
+    "south pole": lattice("EPSG:3031", Affine(1e5, 0, -1.02e6, 0, -1e5, 1.03e6)),
+}
+
+
+@pytest.mark.parametrize("place", AROUND_THE_WORLD)
+def test_geojson_is_cut_at_the_antimeridian(tmp_path: Path, place: str) -> None:
+    mesh = AROUND_THE_WORLD[place]
+    frame = read(write_mesh(mesh, tmp_path / "mesh.geojson"))
+    found = frame.geometry.values
+    assert shapely.is_valid(found).all()
+    assert set(frame.geom_type) <= {"Polygon", "MultiPolygon"}
+    west, south, east, north = frame.total_bounds
+    assert (west, east) == (-180, 180)
+    assert south >= -90
+    assert north <= 90
+    # Every triangle is where its own centre is, and no two are in the same place. Next
+    # to a pole a straight edge of the map is far from straight in longitude and latitude.
+    centres = mesh.map_nodes[mesh.triangles].mean(axis=1)
+    to_lonlat = Transformer.from_crs(mesh.grid.crs, "OGC:CRS84", always_xy=True)
+    lon, lat = to_lonlat.transform(*centres.T)
+    near = np.abs(lat) < 88
+    lon = (lon + 180) % 360 - 180
+    assert shapely.contains_xy(found, lon, lat)[near].all()
+    total = shapely.area(found).sum()
+    assert shapely.union_all(found).area == pytest.approx(total, rel=1e-9)
+
+
+def test_whole_world_is_covered_once(tmp_path: Path) -> None:
+    mesh = AROUND_THE_WORLD["0 to 360, pole to pole"]
+    frame = read(write_mesh(mesh, tmp_path / "mesh.geojson"))
+    assert shapely.area(frame.geometry.values).sum() == pytest.approx(360 * 180)
+
+
+@pytest.mark.parametrize("layer", ["edges", "nodes"])
+def test_edges_and_nodes_stay_within_180_degrees(tmp_path: Path, layer: str) -> None:
+    mesh = AROUND_THE_WORLD["Mercator of the Pacific"]
+    frame = read(write_mesh(mesh, tmp_path / "mesh.geojson", layers=[layer]), layer)
+    widths = np.ptp(frame.explode().bounds[["minx", "maxx"]].to_numpy(), axis=1)
+    assert widths.max() < 1
+    assert np.abs(frame.total_bounds[[0, 2]]).max() <= 180
+    assert ("MultiLineString" in set(frame.geom_type)) == (layer == "edges")
+
+
+def test_triangle_that_spans_the_world_is_no_antimeridian_case(tmp_path: Path) -> None:
+    mesh = two_triangles(Grid(4, 4, Affine(89.5, 0, -179, 0, -40, 80), CRS("EPSG:4326")))
+    frame = read(write_mesh(mesh, tmp_path / "mesh.geojson"))
+    areas = shapely.area(frame.geometry.values)
+    assert areas.tolist() == pytest.approx([358 * 160 / 2] * 2)
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        (Grid(50, 40), "no CRS: georeference the raster, or write .gpkg"),
+        (GRIDS["Mars"], "no way to them from 'Mars"),
+        (Grid(50, 40, NORTH_UP, CRS('LOCAL_CS["shop floor",UNIT["metre",1]]')), "'shop floor'"),
+        (
+            Grid(50, 40, Affine(3e5, 0, -7.5e6, 0, -3e5, 6e6), CRS(GEOSTATIONARY)),
+            r"of 200 nodes have none: leave them out with --bounds or --mask, or write .gpkg",
+        ),
+        (Grid(50, 40, Affine(1, 0, 0, 0, -1, 95), CRS("EPSG:4326")), "of 200 nodes have none"),
+    ],
+    ids=["no CRS", "Mars", "local", "geostationary", "beyond the pole"],
+)
+def test_geojson_refuses_what_has_no_longitude(tmp_path: Path, grid: Grid, message: str) -> None:
+    with pytest.raises(GeoreferenceError, match=message) as caught:
+        write_mesh(random_mesh(grid), tmp_path / "mesh.geojson")
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- read_mesh -------------------------------------------------------------------------
+
+
+def assert_same(found: Mesh, expected: Mesh) -> None:
+    np.testing.assert_array_equal(found.nodes, expected.nodes)
+    np.testing.assert_array_equal(found.triangles, expected.triangles)
+    keys = edge_keys(found.constraints)
+    np.testing.assert_array_equal(keys, np.unique(edge_keys(expected.constraints)))
+    assert found.grid == expected.grid
+    assert found.domain == expected.domain
+    assert found.plane_size == expected.plane_size
+    assert found.metadata == expected.metadata
+    for table, other in (
+        (found.node_table, expected.node_table),
+        (found.triangle_table, expected.triangle_table),
+    ):
+        assert list(table) == list(other)
+        for name in other:
+            assert table[name].dtype == other[name].dtype, name
+            np.testing.assert_array_equal(table[name], other[name], err_msg=name)
+
+
+def test_read_mesh_loses_nothing(tmp_path: Path, any_mesh: Mesh) -> None:
+    found = read_mesh(write_mesh(any_mesh, tmp_path / "mesh.gpkg"))
+    assert_same(found, any_mesh)
+    assert found.certify() == any_mesh.certify()
+
+
+@pytest.mark.parametrize("name", ["north-up", "flipped"])
+def test_constraints_are_restored_with_and_without_edges(tmp_path: Path, name: str) -> None:
+    mesh = two_triangles(GRIDS[name])
+    for layers in (None, ["nodes", "triangles"]):
+        path = write_mesh(mesh, tmp_path / "mesh.gpkg", layers=layers, overwrite=True)
+        found = read_mesh(path)
+        assert_same(found, mesh)
+        assert found.constraints.tolist() == [[0, 1], [0, 3], [1, 2], [2, 3]]
+    hull = replace(mesh, domain=replace(mesh.domain, kind="hull"), constraints=[[1, 3]])
+    assert_same(read_mesh(write_mesh(hull, tmp_path / "hull.gpkg")), hull)
+    path = write_mesh(hull, tmp_path / "none.gpkg", layers=["nodes", "triangles"])
+    with pytest.raises(MeshFileError, match="0 of 1 constrained edges"):
+        read_mesh(path)
+
+
+def test_read_mesh_does_not_depend_on_the_order_of_rows(tmp_path: Path) -> None:
+    mesh = random_mesh()
+    path = write_mesh(mesh, tmp_path / "mesh.gpkg")
+    with closing(sqlite3.connect(path)) as database:
+        for layer in LAYERS:
+            # Without triggers: those of the spatial index need functions of GDAL.
+            for (trigger,) in database.execute(
+                f"SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = '{layer}'"
+            ).fetchall():
+                database.execute(f'DROP TRIGGER "{trigger}"')
+            database.execute(f"UPDATE {layer} SET fid = -fid")
+        database.commit()
+    assert read(path)["id"].is_monotonic_increasing  # sorted by read()
+    assert gpd.read_file(path, layer="triangles")["id"].is_monotonic_decreasing
+    assert_same(read_mesh(path), mesh)
+
+
+def test_read_mesh_tells_what_is_wrong(tmp_path: Path) -> None:
+    mesh = two_triangles()
+    with pytest.raises(MeshFileError, match="does not exist"):
+        read_mesh(tmp_path / "missing.gpkg")
+    text = tmp_path / "text.gpkg"
+    text.write_text("not a database")
+    with pytest.raises(MeshFileError, match="cannot be read as a GeoPackage"):
+        read_mesh(text)
+    with pytest.raises(MeshFileError, match=r"not a GeoPackage \(GeoJSON\)"):
+        read_mesh(write_mesh(mesh, tmp_path / "mesh.geojson"))
+    with pytest.raises(MeshFileError, match="no layer nodes"):
+        read_mesh(write_mesh(mesh, tmp_path / "part.gpkg", layers=["triangles"]))
+    foreign = tmp_path / "foreign.gpkg"
+    for layer in ("nodes", "triangles"):
+        mesh.to_geodataframe(layer).to_file(foreign, layer=layer)
+    with pytest.raises(MeshFileError, match="no metadata of geomesh"):
+        read_mesh(foreign)
+
+
+@pytest.mark.parametrize(
+    ("statement", "message"),
+    [
+        ("DELETE FROM nodes WHERE id = 2", "should have 4 nodes with ids from 0"),
+        ("UPDATE triangles SET n0 = NULL WHERE id = 0", "triangles without 'n0'"),
+        ("UPDATE triangles SET n0 = 99 WHERE id = 0", "nodes that do not exist"),
+        ("ALTER TABLE nodes RENAME COLUMN row TO line", "lacks the columns row in nodes"),
+    ],
+)
+def test_read_mesh_refuses_an_edited_file(tmp_path: Path, statement: str, message: str) -> None:
+    path = write_mesh(two_triangles(), tmp_path / "mesh.gpkg")
+    with closing(sqlite3.connect(path)) as database:
+        for (trigger,) in database.execute(
+            "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+        ).fetchall():
+            database.execute(f'DROP TRIGGER "{trigger}"')
+        database.execute(statement)
+        database.commit()
+    with pytest.raises(MeshFileError, match=message):
+        read_mesh(path)
+
+
+# --- refused before any work -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["mesh.shp", "mesh", "mesh.gpkg.bak"])
+def test_unknown_extension_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(OutputError, match=r"\.gpkg, \.geojson, \.fgb, \.parquet"):
+        write_mesh(two_triangles(), tmp_path / name)
+    path = write_mesh(two_triangles(), tmp_path / name, driver="gpkg")
+    assert_same(read_mesh(path.rename(tmp_path / "named.gpkg")), two_triangles())
+
+
+def test_unknown_driver_and_layers_are_refused(tmp_path: Path) -> None:
+    mesh = two_triangles()
+    path = tmp_path / "mesh.fgb"
+    with pytest.raises(OutputError, match="'shape'; choose from GPKG, GeoJSON"):
+        write_mesh(mesh, path, driver="shape")
+    with pytest.raises(OutputError, match="no layer 'faces'; choose from triangles, edges"):
+        write_mesh(mesh, path, layers=["faces"])
+    with pytest.raises(OutputError, match="no layer to write"):
+        write_mesh(mesh, path, layers=[])
+    with pytest.raises(OutputError, match=r"one layer, not triangles, nodes; .* write \.gpkg"):
+        write_mesh(mesh, path, layers=["nodes", "triangles"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_output_is_kept_without_overwrite(tmp_path: Path, extension: str) -> None:
+    path = tmp_path / f"mesh{extension}"
+    path.write_text("mine")
+    with pytest.raises(OutputError, match=f"mesh{extension} exists; use --overwrite"):
+        write_mesh(two_triangles(), path)
+    with pytest.raises(OutputError, match="exists"):
+        check_output(path)
+    assert path.read_text() == "mine"
+    write_mesh(two_triangles(), path, overwrite=True)
+    assert len(read(path)) == 2
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_places_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"folder of .* does not exist; create it"):
+        check_output(tmp_path / "missing" / "mesh.gpkg")
+    folder = tmp_path / "folder.gpkg"
+    folder.mkdir()
+    with pytest.raises(OutputError, match="is a folder"):
+        check_output(folder, overwrite=True)
+    with pytest.raises(OutputError, match="not a regular file"):
+        check_output("/dev/null", overwrite=True, driver="GPKG")
+    with pytest.raises(OutputError, match="cannot be written: file name too long"):
+        check_output(tmp_path / f"{'n' * 300}.gpkg")
+
+
+def test_unwritable_folder_is_refused(tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    locked.chmod(0o500)
+    # Permission bits do not bite a superuser; the kernel's own folder does.
+    folder = Path("/proc") if os.geteuid() == 0 else locked
+    with pytest.raises(OutputError, match=r"cannot be written: .*; choose another folder"):
+        check_output(folder / "mesh.gpkg")
+
+
+def test_columns_that_a_format_cannot_hold_are_refused(tmp_path: Path) -> None:
+    def with_columns(*names: str) -> Mesh:
+        table = Table({name: np.zeros(4) for name in names})
+        return replace(two_triangles(), node_table=table)
+
+    for mesh, name in ((with_columns("fid"), "fid"), (with_columns("nir", "NIR"), "NIR")):
+        with pytest.raises(OutputError, match=f"cannot hold a column '{name}' in nodes"):
+            write_mesh(mesh, tmp_path / "mesh.gpkg")
+        write_mesh(mesh, tmp_path / f"{name}.parquet", layers=["nodes"])
+
+
+def test_mesh_without_certificate_is_never_written(tmp_path: Path) -> None:
+    mesh = two_triangles()
+    wrong = replace(mesh, domain=replace(mesh.domain, area=17.0))
+    path = tmp_path / "mesh.gpkg"
+    path.write_text("mine")
+    with pytest.raises(CertificateError, match="areas add up"):
+        write_mesh(wrong, path, overwrite=True)
+    assert path.read_text() == "mine"
+
+
+# --- there as a whole or not at all ----------------------------------------------------
+
+
+class StopError(Exception):
+    pass
+
+
+@pytest.mark.parametrize("exception", [StopError, KeyboardInterrupt, BrokenPipeError])
+def test_stopping_midway_leaves_the_old_file(
+    tmp_path: Path, extension: str, exception: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batches, "BATCH_ROWS", 50)
+    path = tmp_path / f"mesh{extension}"
+    path.write_text("mine")
+    for when in (0.0, 0.5, 1.0):
+
+        def stop(fraction: float, message: str, when: float = when) -> None:
+            if fraction >= when:
+                raise exception(message)
+
+        with pytest.raises(exception, match="writ"):
+            write_mesh(random_mesh(), path, overwrite=True, progress=stop)
+        assert path.read_text() == "mine"
+        assert hidden(tmp_path) == []
+
+
+def test_failure_while_making_a_batch_is_told_as_it_is(
+    tmp_path: Path, extension: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: batches.Layer, rows: slice, *names: str, **options: str | None) -> object:
+        if rows.start:
+            raise MemoryError("no more")
+        return whole(self, rows, *names, **options)
+
+    whole = batches.Layer.batch
+    monkeypatch.setattr(batches, "BATCH_ROWS", 50)
+    monkeypatch.setattr(batches.Layer, "batch", fail)
+    with pytest.raises(MemoryError, match="no more"):
+        write_mesh(random_mesh(), tmp_path / f"mesh{extension}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_runs_from_0_to_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "BATCH_ROWS", 100)
+    told: list[tuple[float, str]] = []
+    write_mesh(random_mesh(), tmp_path / "mesh.gpkg", progress=lambda *step: told.append(step))
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions)
+    assert told[0] == (0.0, "writing triangles")
+    assert told[-1] == (1.0, "written")
+    assert len(told) > 10
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_killed_run_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.gpkg"
+    path.write_text("mine")
+    pickled = tmp_path / "mesh.pickle"
+    pickled.write_bytes(pickle.dumps(random_mesh()))
+    code = """
+import os, pickle, signal, sys
+from geomesh.io import batches
+from geomesh.io.vector import write_mesh
+batches.BATCH_ROWS = 50
+def stop(fraction, message):
+    if fraction > 0.5:
+        os.kill(os.getpid(), signal.SIGKILL)
+with open(sys.argv[1], "rb") as file:
+    mesh = pickle.load(file)
+write_mesh(mesh, sys.argv[2], overwrite=True, progress=stop)
+"""
+    assert run(code, str(pickled), str(path)).returncode == -signal.SIGKILL
+    assert path.read_text() == "mine"
+    assert write_mesh(random_mesh(), path, overwrite=True) == path
+    assert len(read(path)) > 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs resource limits")
+def test_limit_on_file_size_is_told_in_one_line(tmp_path: Path) -> None:
+    pickled = tmp_path / "mesh.pickle"
+    pickled.write_bytes(pickle.dumps(random_mesh()))
+    code = """
+import pickle, resource, sys
+from geomesh.errors import OutputError
+from geomesh.io.vector import write_mesh
+with open(sys.argv[1], "rb") as file:
+    mesh = pickle.load(file)
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+for path in sys.argv[2:]:
+    try:
+        write_mesh(mesh, path, overwrite=True)
+    except OutputError as error:
+        print(error)
+"""
+    paths = [tmp_path / f"mesh{extension}" for extension in EXTENSIONS]
+    for path in paths:
+        path.write_text("mine")
+    done = run(code, str(pickled), *map(str, paths))
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == len(paths)
+    for path, line in zip(paths, lines, strict=True):
+        assert line.startswith(f"{path} could not be written: ")
+        assert path.read_text() == "mine"
+    assert hidden(tmp_path) == []
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path):
+    """A disk of 256 KiB; only a superuser may mount one."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
+    try:
+        mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
+    except OSError:
+        mounted = False
+    if not mounted:
+        pytest.skip("mounting is not permitted")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_full_disk_leaves_the_old_file(small_disk: Path, extension: str) -> None:
+    path = write_mesh(two_triangles(), small_disk / f"mesh{extension}")
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match=r"could not be written: .*; free some space") as caught:
+        write_mesh(random_mesh(count=2000), path, overwrite=True)
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in small_disk.iterdir()] == [path.name]
+
+
+def test_lost_rows_are_noticed(tmp_path: Path, extension: str) -> None:
+    mesh = random_mesh(count=2000)
+    path = write_mesh(mesh, tmp_path / f"mesh{extension}", layers=["triangles"])
+    driver = {".gpkg": "GPKG", ".geojson": "GeoJSON", ".fgb": "FlatGeobuf"}.get(
+        extension, "Parquet"
+    )
+    rows = len(mesh.triangles)
+    assert verify.count_rows(path, "triangles", driver) == rows
+    whole = path.read_bytes()
+    # The last bytes of a database are slack.
+    for kept in (len(whole) // 2, len(whole) - (5000 if extension == ".gpkg" else 3)):
+        path.write_bytes(whole[:kept])
+        try:
+            found = verify.count_rows(path, "triangles", driver)
+        except Exception:
+            continue
+        assert found < rows, f"{kept} of {len(whole)} bytes"
+
+
+def test_journal_of_the_old_database_is_not_replayed_into_the_new_one(tmp_path: Path) -> None:
+    path = write_mesh(two_triangles(), tmp_path / "mesh.gpkg")
+    with closing(sqlite3.connect(path)) as viewer:
+        viewer.execute("PRAGMA journal_mode = WAL")
+        viewer.execute("CREATE TABLE notes AS SELECT * FROM triangles")
+        viewer.commit()
+        assert (tmp_path / "mesh.gpkg-wal").stat().st_size > 0
+        mesh = random_mesh()
+        write_mesh(mesh, path, overwrite=True)
+        assert [entry.name for entry in tmp_path.iterdir()] == ["mesh.gpkg"]
+        assert_same(read_mesh(path), mesh)
+    assert_same(read_mesh(path), mesh)
+
+
+def test_journal_stays_if_the_file_cannot_be_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_mesh(two_triangles(), tmp_path / "mesh.gpkg")
+    journal = tmp_path / "mesh.gpkg-wal"
+    journal.write_text("changes")
+    move = Path.replace
+
+    def refuse(self: Path, target: Path) -> Path:
+        if self.suffix == ".gpkg":
+            raise PermissionError(13, "in use")
+        return move(self, target)
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    with pytest.raises(OutputError, match="in use"):
+        write_mesh(random_mesh(), path, overwrite=True)
+    assert journal.read_text() == "changes"
+    assert hidden(tmp_path) == []
+
+
+def test_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.fgb"
+
+    def intrude(fraction: float, message: str) -> None:
+        path.write_text("theirs")
+
+    with pytest.raises(OutputError, match="made by another program meanwhile"):
+        write_mesh(random_mesh(), path, progress=intrude)
+    assert path.read_text() == "theirs"
+
+
+def test_symbolic_link_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    link = tmp_path / "mesh.gpkg"
+    link.symlink_to(tmp_path / "data" / "real.gpkg")
+    write_mesh(two_triangles(), link)
+    assert link.is_symlink()
+    assert_same(read_mesh(tmp_path / "data" / "real.gpkg"), two_triangles())
+
+
+def test_boundary_of_the_hand_made_mesh_is_its_outline() -> None:
+    mesh = two_triangles()
+    assert set(edge_keys(boundary_edges(mesh.triangles))) == set(edge_keys(mesh.constraints))
