@@ -156,7 +156,7 @@ def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
     if recipe.edge_distance is not None:
         is_edge = unite([part.edges for part in parts])
         keypoints = [
-            part.keypoints.take(edge[part.labels].any(axis=1))
+            part.keypoints.take(np.any(edge[part.labels], axis=1))
             for part, edge in zip(parts, is_edge, strict=True)
         ]
     return Detection(
@@ -244,7 +244,7 @@ def _detect_tile(
 def _in_core(points: NDArray[np.float64], tile: Tile) -> NDArray[np.bool_]:
     low = np.array([tile.core.col, tile.core.row]) - SEAM
     high = np.array([tile.core.stop_col, tile.core.stop_row]) + SEAM
-    inside: NDArray[np.bool_] = ((points >= low) & (points < high)).all(axis=1)
+    inside: NDArray[np.bool_] = np.all((points >= low) & (points < high), axis=1)
     return inside
 
 
@@ -257,7 +257,7 @@ def _usable(
 ) -> NDArray[np.bool_]:
     """Whether points lie on valid pixels and, where the outline gets nodes, well inside it."""
     window, extent = tile.read, image.extent
-    usable = valid.view(np.uint8)
+    usable: NDArray[np.uint8] = valid.view(np.uint8)
     if recipe.domain != "hull":
         known = usable if recipe.domain == "valid" else np.ones_like(usable)
         # Beyond the image nothing is valid; beyond the halo anything may be.
@@ -266,9 +266,10 @@ def _usable(
         framed = np.pad(known, ((top, bottom), (left, right)))
         reach = int(np.ceil(recipe.min_spacing))
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-        inner = cv2.erode(framed, disc, borderType=cv2.BORDER_REPLICATE)
+        eroded = cv2.erode(framed, disc, borderType=cv2.BORDER_REPLICATE).astype(np.uint8)
         height, width = usable.shape
-        usable = usable & inner[top : top + height, left : left + width]
+        usable = usable & eroded[top : top + height, left : left + width]
     pixel = np.floor(points).astype(np.int64) - (window.col, window.row)
     pixel = np.clip(pixel, 0, np.array([window.width, window.height]) - 1)
-    return usable[pixel[:, 1], pixel[:, 0]] > 0
+    found: NDArray[np.bool_] = usable[pixel[:, 1], pixel[:, 0]] > 0
+    return found

@@ -138,7 +138,8 @@ def tile_edges(
     block = window.slices(tile.read)
     limit = int(thresholds.high**2) if l2 else int(thresholds.high)
     strong_pixels = _magnitude(gradients, l2)[block] > limit
-    count, labels = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
+    count, found = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
+    labels: NDArray[np.int32] = np.asarray(found, np.int32)
     strong = np.zeros(count, np.bool_)
     strong[labels[strong_pixels]] = True
     strong[0] = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,7 +70,7 @@ def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
     with scene.open() as reader:
         tone = scene_tone(scene, reader, recipe)
         plain: GrayImage = SceneGray(reader, tone, sobel=False, extent=extent)
-        worked: GrayImage = replace(plain, sobel=recipe.sobel)
+        worked: GrayImage = SceneGray(reader, tone, sobel=recipe.sobel, extent=extent)
         if recipe.resize is not None:
             plain, _ = shrink(plain, recipe.resize, part_of(progress, 0.8, 0.9))
             worked, _ = shrink(worked, recipe.resize, part_of(progress, 0.9, 1))
@@ -101,7 +101,7 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
     rows, columns = (1, 4) if tall else (2, 2)
     panel = 4.2 if not tall else 3.2
     size = (columns * panel, rows * panel * height / width + 0.5)
-    figure = figure_module.Figure(figsize=size, layout="constrained", facecolor="white")
+    figure: Figure = figure_module.Figure(figsize=size, layout="constrained", facecolor="white")
     axes = figure.subplots(rows, columns).ravel()
     mesh = stages.mesh
     features = mesh.plane_nodes[mesh.node_table["kind"] == "feature"]
@@ -168,8 +168,8 @@ def plot_mesh(
         if path is None:
             ax = _matplotlib("pyplot").subplots(figsize=size, layout="constrained")[1]
         else:
-            figure = _matplotlib("figure").Figure(figsize=size, layout="constrained")
-            ax = figure.subplots()
+            ax = _matplotlib("figure").Figure(figsize=size, layout="constrained").subplots()
+    figure: Any = ax.figure
     corners = mesh.map_nodes[mesh.triangles]
     values = mesh.attributes("triangles")[column]
     style: dict[str, Any] = {"edgecolors": edgecolor or "#ffffff59", "linewidths": 0.25}
@@ -177,7 +177,7 @@ def plot_mesh(
         triangles = collections.PolyCollection(corners, facecolors=values, **style)
     else:
         triangles = collections.PolyCollection(corners, array=values, cmap=cmap, **style)
-        ax.figure.colorbar(triangles, ax=ax, label=column, shrink=0.7)
+        figure.colorbar(triangles, ax=ax, label=column, shrink=0.7)
     ax.add_collection(triangles)
     west, south, east, north = mesh.grid.bounds()
     ax.set(xlim=(west, east), ylim=(south, north) if mesh.grid.crs else (north, south))
@@ -194,7 +194,7 @@ def plot_mesh(
         loc="left",
     )
     if path is not None:
-        save_picture(ax.figure, path, overwrite=True)
+        save_picture(figure, path, overwrite=True)
     return ax
 
 

@@ -117,13 +117,16 @@ class Grid:
 
     def window(self, window: Window) -> Grid:
         """Return the grid of the pixels in `window`."""
-        shift = Affine.translation(window.col, window.row)
-        return Grid(window.width, window.height, self.transform * shift, self.crs)
+        a, b, _, d, e, _ = self.transform[:6]
+        x, y = self.to_map([(window.col, window.row)])[0]
+        transform = Affine(a, b, float(x), d, e, float(y))
+        return Grid(window.width, window.height, transform, self.crs)
 
     def scaled(self, width: int, height: int) -> Grid:
         """Return the grid of the same area with another number of pixels."""
-        zoom = Affine.scale(self.width / width, self.height / height)
-        return Grid(width, height, self.transform * zoom, self.crs)
+        sx, sy = self.width / width, self.height / height
+        a, b, c, d, e, f = self.transform[:6]
+        return Grid(width, height, Affine(a * sx, b * sy, c, d * sx, e * sy, f), self.crs)
 
     def to_map(self, points: ArrayLike) -> Points:
         """Return map coordinates, (N, 2), of pixel-edge coordinates (N, 2)."""

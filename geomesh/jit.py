@@ -17,7 +17,7 @@ def kernel(function: Function) -> Function:
     numba notices a change in the file of a kernel, not in the files of the kernels
     that it calls: after an edit there, clear ``__pycache__``.
     """
-    options = {"nogil": True, "error_model": "numpy"}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     try:
         compiled: Function = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # neither the package nor the user's cache folder is writable

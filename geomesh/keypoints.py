@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -50,7 +51,7 @@ class Keypoints:
     def __len__(self) -> int:
         return len(self.xy)
 
-    def take(self, index: NDArray[np.integer] | NDArray[np.bool_]) -> Keypoints:
+    def take(self, index: NDArray[Any]) -> Keypoints:
         """Return the keypoints at `index`, in that order."""
         return Keypoints(*(column[index] for column in self.__dict__.values()))
 

@@ -147,8 +147,12 @@ class Mesh:
         if layer == "edges":
             return self._edge_attributes()
         ids = np.arange(len(self.nodes), dtype=np.int32)
-        columns = {"id": ids, "col": self.nodes[:, 0], "row": self.nodes[:, 1]}
-        return Table(columns).with_columns(self.node_table)
+        columns: dict[str, NDArray[Any]] = {
+            "id": ids,
+            "col": self.nodes[:, 0],
+            "row": self.nodes[:, 1],
+        }
+        return Table({**columns, **self.node_table})
 
     def _triangle_attributes(self) -> Table:
         corners = {f"n{k}": self.triangles[:, k] for k in range(3)}

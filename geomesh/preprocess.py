@@ -97,7 +97,8 @@ def to_gray(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[Any]:
             np.ascontiguousarray(np.moveaxis(bands[order], 0, -1)), cv2.COLOR_RGB2GRAY
         )
     if len(used) == 1 and weights[used[0]] == 1:
-        return bands[used[0]]
+        only: NDArray[Any] = bands[used[0]]
+        return only
     with np.errstate(invalid="ignore", over="ignore"):  # invalid pixels may hold anything
         return np.tensordot(weights, bands.astype(np.float64), axes=1)
 
@@ -147,7 +148,8 @@ class Tone:
     def display(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         """Return band values (B, ...) as 8-bit levels for display."""
         if self.display_ranges is None:
-            return np.rint(np.clip(np.nan_to_num(values), 0, 255)).astype(np.uint8)
+            levels: NDArray[Any] = np.rint(np.clip(np.nan_to_num(values), 0, 255))
+            return levels.astype(np.uint8)
         return _stretch_bands(values, self.display_ranges)
 
 

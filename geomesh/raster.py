@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import rasterio
@@ -26,7 +26,7 @@ from geomesh.tiles import plan_tiles
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 ArraySource = tuple[Any, Affine, Any]
-Source = str | PathLike[str] | rasterio.DatasetReader | ArraySource
+Source: TypeAlias = "str | PathLike[str] | rasterio.DatasetReader | ArraySource"
 
 _OVERVIEW_SIZE = 1024
 
@@ -149,7 +149,7 @@ class _ArrayReader:
                 for n, size in zip(shape, window.shape, strict=True)
             ]
             block = block[:, pick[0][:, None], pick[1]]
-        valid = ~np.ma.getmaskarray(block).any(axis=0)
+        valid: NDArray[np.bool_] = ~np.any(np.ma.getmaskarray(block), axis=0)
         bands = np.ma.getdata(block)
         return bands, _valid(self.scene, bands, valid, window)
 

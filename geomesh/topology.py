@@ -58,8 +58,9 @@ def build_edges(triangles: Triangles) -> Edges:
 
 def edge_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return one int64 a node pair (K, 2), the same for both directions."""
-    low = pairs.min(axis=1).astype(np.int64)
-    return (low << 32) | pairs.max(axis=1).astype(np.int64)
+    low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1).astype(np.int64)
+    keys: NDArray[np.int64] = (low << 32) | high
+    return keys
 
 
 def _half_edges(triangles: Triangles) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

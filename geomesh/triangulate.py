@@ -68,7 +68,7 @@ def constrained_delaunay(
         If segments cross.
     """
     engine = _engine(points)
-    engine.insert_edges(np.ascontiguousarray(segments, dtype=np.uintc))
+    engine.insert_edges(np.ascontiguousarray(segments, dtype=np.uintc).data)
     engine.erase_outer_triangles_and_holes()
     return _finish(_triangles(engine))
 
@@ -80,7 +80,8 @@ def _engine(points: NDArray[np.float64]) -> pythoncdt.Triangulation:
         0.0,
     )
     # Small numbers keep the most precision for the predicates.
-    engine.insert_vertices(np.ascontiguousarray(points - np.floor(points.min(axis=0))))
+    small = points - np.floor(points.min(axis=0))
+    engine.insert_vertices(np.ascontiguousarray(small).data)
     return engine
 
 

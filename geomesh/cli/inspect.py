@@ -24,7 +24,7 @@ from geomesh.cli.console import guarded, open_console
     help="Take lengths in pixels of the image that was worked on, or in map units.",
 )
 @click.pass_obj
-def quality(debug: bool, mesh_file: str, as_json: bool, space: Any) -> None:
+def quality(debug: bool, /, mesh_file: str, as_json: bool, space: Any) -> None:
     """Print Ki and the standard measures of the triangles of MESH (.gpkg).
 
     \b
@@ -47,7 +47,7 @@ def quality(debug: bool, mesh_file: str, as_json: bool, space: Any) -> None:
 @click.argument("path", metavar="MESH|SRC")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.pass_obj
-def info(debug: bool, path: str, as_json: bool) -> None:
+def info(debug: bool, /, path: str, as_json: bool) -> None:
     """Print what a mesh file holds, or what a raster has to offer.
 
     \b

@@ -59,6 +59,7 @@ class Job:
 @click.pass_obj
 def mesh(
     debug: bool,
+    /,
     sources: tuple[str, ...],
     output: str,
     layers: tuple[Any, ...] | None,

@@ -21,6 +21,7 @@ from geomesh.cli.options import build_recipe, output_options, raster_options
 @click.pass_obj
 def stages(
     debug: bool,
+    /,
     source: str,
     output: str,
     overwrite: bool,

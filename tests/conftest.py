@@ -1,0 +1,51 @@
+"""Fixtures that several test files share: the real samples, and larger images made from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import HealthCheck, settings
+
+SAMPLES = Path(__file__).parent.parent / "data_samples"
+
+# Timing on shared machines says nothing; the first example of a kernel compiles it.
+settings.register_profile(
+    "geomesh", deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=60
+)
+settings.load_profile("geomesh")
+
+
+def pytest_report_header() -> str:
+    import cv2
+    import pyogrio
+    import shapely
+
+    return (
+        f"rasterio {rasterio.__version__} (GDAL {rasterio.__gdal_version__}), "
+        f"pyogrio {pyogrio.__version__} (GDAL {pyogrio.__gdal_version_string__}), "
+        f"OpenCV {cv2.__version__}, GEOS {shapely.geos_version_string}, numpy {np.__version__}"
+    )
+
+
+@pytest.fixture(params=sorted(path.name for path in SAMPLES.glob("*.tif")))
+def sample(request: pytest.FixtureRequest) -> Path:
+    """Each raster of data_samples."""
+    return SAMPLES / request.param
+
+
+@pytest.fixture(scope="session")
+def olinda() -> Path:
+    return SAMPLES / "olinda_landsat7_rgb_uint8.tif"
+
+
+def mirrored(path: Path, width: int, height: int) -> np.ndarray:
+    """Bands (B, height, width) of a raster, continued beyond its borders by reflection."""
+    with rasterio.open(path) as dataset:
+        bands = dataset.read()
+    _, rows, cols = bands.shape
+    row = np.abs((np.arange(height) + rows) % (2 * rows) - rows)
+    col = np.abs((np.arange(width) + cols) % (2 * cols) - cols)
+    return bands[:, np.minimum(row, rows - 1)[:, None], np.minimum(col, cols - 1)]

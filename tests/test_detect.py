@@ -1,0 +1,243 @@
+"""Stages 2 and 3: what tiles find is what the whole image holds."""
+
+import cv2
+import numpy as np
+import pytest
+from conftest import SAMPLES, mirrored
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial import cKDTree
+
+from geomesh import detect as stage
+from geomesh.detect import ArrayGray, canny_thresholds, detect
+from geomesh.edges import Thresholds, canny, tile_edges, unite
+from geomesh.grid import Window
+from geomesh.keypoints import Keypoints, detect_sift, labels_around, spread_evenly, thin
+from geomesh.recipe import Recipe
+from geomesh.tiles import plan_tiles
+
+
+def silent(_fraction, _message):
+    pass
+
+
+@pytest.fixture(scope="module")
+def large():
+    """A real image of 2000 x 1500 pixels: two by two tiles."""
+    bands = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 2000, 1500)
+    gray = cv2.cvtColor(np.moveaxis(bands, 0, -1).copy(), cv2.COLOR_RGB2GRAY)
+    return cv2.equalizeHist(gray)
+
+
+def in_one_tile(monkeypatch, image, recipe):
+    def one_tile(extent, **_):
+        return plan_tiles(extent, core=max(extent.shape), halo=0)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stage, "plan_tiles", one_tile)
+        return detect(image, recipe, silent)
+
+
+def test_tiled_nodes_are_those_of_the_whole_image(monkeypatch, large):
+    image, recipe = ArrayGray(large, np.ones(large.shape, bool)), Recipe()
+    assert len(plan_tiles(image.extent)) == 4
+    tiled = thin(detect(image, recipe, silent).keypoints, stage.SEAM)
+    whole = thin(in_one_tile(monkeypatch, image, recipe).keypoints, stage.SEAM)
+    assert len(whole) > 20_000
+    assert len(tiled) == len(whole)
+    distance, index = cKDTree(whole.xy).query(tiled.xy)
+    # A halo of 64 pixels cuts the widest blurs of octave 2 a little short.
+    assert distance.max() < 0.01
+    assert len(np.unique(index)) == len(whole)
+    np.testing.assert_array_equal(whole.octave[index], tiled.octave)
+
+
+def test_keypoints_lie_on_edges_of_the_whole_image(large):
+    image, recipe = ArrayGray(large, np.ones(large.shape, bool)), Recipe()
+    found = detect(image, recipe, silent)
+    edges = cv2.Canny(
+        cv2.Sobel(large, cv2.CV_16S, 1, 0, borderType=cv2.BORDER_REPLICATE),
+        cv2.Sobel(large, cv2.CV_16S, 0, 1, borderType=cv2.BORDER_REPLICATE),
+        found.thresholds.low,
+        found.thresholds.high,
+        L2gradient=True,
+    )
+    row, col = np.nonzero(edges)
+    pixel = np.floor(found.keypoints.xy) + 0.5
+    distance, _ = cKDTree(np.column_stack([col + 0.5, row + 0.5])).query(pixel)
+    assert distance.max() <= recipe.edge_distance
+
+
+def edges_by_tiles(gray, thresholds, core, halo):
+    extent = Window(0, 0, gray.shape[1], gray.shape[0])
+    tiles = plan_tiles(extent, core=core, halo=halo)
+    found = [
+        tile_edges(
+            gray[tile.read.slices()], tile, thresholds, image_width=extent.width, seam=min(halo, 2)
+        )
+        for tile in tiles
+    ]
+    result = np.zeros(gray.shape, bool)
+    flags = unite([partial for _, partial in found])
+    for tile, (weak, _), is_edge in zip(tiles, found, flags, strict=True):
+        result[tile.core.slices()] = is_edge[weak.labels][tile.core.slices(weak.window)]
+    return result
+
+
+@pytest.mark.parametrize("l2", [True, False])
+@pytest.mark.parametrize(("low", "high"), [(20, 60), (100, 200), (300, 301), (0, 900)])
+def test_hysteresis_is_exact_across_tiles(large, l2, low, high):
+    gray = large[:500, :700]
+    whole = cv2.Canny(gray, low, high, L2gradient=l2) > 0
+    assert whole.any()
+    np.testing.assert_array_equal(canny(gray, Thresholds(low, high, l2)), whole)
+    tiled = edges_by_tiles(gray, Thresholds(low, high, l2), core=128, halo=4)
+    np.testing.assert_array_equal(tiled, whole)
+
+
+@given(
+    gray=arrays(np.uint8, st.tuples(st.integers(1, 40), st.integers(1, 40))),
+    low=st.integers(1, 400),
+    extra=st.integers(0, 800),
+    core=st.integers(3, 20),
+    l2=st.booleans(),
+)
+def test_hysteresis_is_exact_on_noise(gray, low, extra, core, l2):
+    whole = cv2.Canny(gray, low, low + extra, L2gradient=l2) > 0
+    tiled = edges_by_tiles(gray, Thresholds(low, low + extra, l2), core=core, halo=4)
+    np.testing.assert_array_equal(tiled, whole)
+
+
+def test_an_edge_that_winds_through_many_tiles_is_followed_to_its_end():
+    """A faint spiral with one strong pixel at its inner end: no tile can know by itself."""
+    turn = np.linspace(2, 9 * 2 * np.pi, 4000)
+    path = np.column_stack([100 + 1.6 * turn * np.cos(turn), 100 + 1.6 * turn * np.sin(turn)])
+    gray = np.zeros((200, 200), np.uint8)
+    fading = np.linspace(110, 30, len(path)).astype(int)
+    for start, stop, level in zip(path[:-1], path[1:], fading, strict=False):
+        cv2.line(gray, start.astype(int).tolist(), stop.astype(int).tolist(), int(level), 4)
+    whole = cv2.Canny(gray, 50, 400) > 0
+    strong = cv2.Canny(gray, 400, 400) > 0
+    assert whole.sum() > 4 * strong.sum() > 0
+    np.testing.assert_array_equal(
+        edges_by_tiles(gray, Thresholds(50, 400, False), core=16, halo=4), whole
+    )
+
+
+def test_sift_is_opencv_half_a_pixel_on_and_without_doubles(large):
+    gray, recipe = large[:300, :300], Recipe(sift_max_octave=None)
+    raw = cv2.SIFT_create(
+        contrastThreshold=recipe.sift_contrast_threshold, enable_precise_upscale=True
+    ).detect(gray, None)
+    places = np.unique([k.pt for k in raw], axis=0)
+    found = detect_sift(gray, recipe)
+    assert len(places) < len(raw)
+    order = np.lexsort((found.xy[:, 1], found.xy[:, 0]))
+    np.testing.assert_allclose(found.xy[order] - 0.5, places, atol=1e-9)
+
+
+def test_sift_places_a_blob_where_it_is():
+    """A blob centred on the corner of four pixels: pixel-edge coordinates are whole there."""
+    y, x = np.mgrid[:64, :64] + 0.5
+    blob = (255 * np.exp(-((x - 30) ** 2 + (y - 34) ** 2) / 18)).astype(np.uint8)
+    found = detect_sift(blob, Recipe())
+    strongest = found.xy[found.response.argmax()]
+    np.testing.assert_allclose(strongest, (30, 34), atol=0.05)
+
+
+def test_octaves_above_the_cap_are_left_out(large):
+    free = detect_sift(large[:512, :512], Recipe(sift_max_octave=None))
+    capped = detect_sift(large[:512, :512], Recipe(sift_max_octave=1))
+    assert set(free.octave) > {-1, 0, 1, 2}
+    assert set(capped.octave) == {-1, 0, 1}
+
+
+def test_no_keypoint_on_nodata_nor_caused_by_it(large):
+    gray = large[:400, :400].copy()
+    valid = np.ones(gray.shape, bool)
+    y, x = np.mgrid[:400, :400]
+    valid[(x - 200) ** 2 + (y - 200) ** 2 < 80**2] = False
+    recipe = Recipe()
+    full = detect(ArrayGray(gray, np.ones_like(valid)), recipe, silent).keypoints
+    holed = detect(ArrayGray(np.where(valid, gray, 0), valid), recipe, silent).keypoints
+    pixel = np.floor(holed.xy).astype(int)
+    assert valid[pixel[:, 1], pixel[:, 0]].all()
+    far = np.hypot(*(full.xy - 200).T) > 130
+    distance, _ = cKDTree(holed.xy).query(full.xy[far])
+    assert np.quantile(distance, 0.98) < 0.1
+
+
+def test_automatic_thresholds_are_the_median_gradient_and_twice_that(large):
+    gray = large[:600, :600]
+    border = cv2.BORDER_REPLICATE
+    dx = cv2.Sobel(gray, cv2.CV_64F, 1, 0, borderType=border)
+    dy = cv2.Sobel(gray, cv2.CV_64F, 0, 1, borderType=border)
+    magnitude = np.hypot(dx, dy)
+    median = np.median(magnitude[magnitude > 0])
+    found = canny_thresholds(ArrayGray(gray, np.ones(gray.shape, bool)), Recipe())
+    assert (found.low, found.high) == pytest.approx((median, 2 * median))
+    given_one = canny_thresholds(ArrayGray(gray, np.ones(gray.shape, bool)), Recipe(canny_low=7.0))
+    assert (given_one.low, given_one.high) == pytest.approx((7, 2 * median))
+
+
+def keypoints(xy, response):
+    zeros = np.zeros(len(xy), np.float32)
+    return Keypoints(
+        np.asarray(xy, float), zeros, zeros, np.asarray(response, np.float32), zeros.astype(np.int8)
+    )
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    count=st.integers(0, 200),
+    spacing=st.floats(0.1, 30),
+)
+def test_thinning_keeps_the_strongest_and_the_distance(seed, count, spacing):
+    rng = np.random.default_rng(seed)
+    points = keypoints(rng.uniform(-50, 50, (count, 2)), rng.integers(0, 5, count))
+    kept = thin(points, spacing)
+    if count:
+        assert kept.response[0] == points.response.max()
+    if len(kept) > 1:
+        assert cKDTree(kept.xy).query(kept.xy, k=2)[0][:, 1].min() >= spacing
+    dropped = [i for i in range(count) if not (kept.xy == points.xy[i]).all(axis=1).any()]
+    for i in dropped:
+        near = np.hypot(*(kept.xy - points.xy[i]).T) < spacing
+        assert kept.response[near].max() >= points.response[i]
+
+
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 200))
+def test_the_choice_does_not_depend_on_the_order_of_keypoints(seed, count):
+    rng = np.random.default_rng(seed)
+    points = keypoints(rng.integers(0, 40, (count, 2)), rng.integers(0, 3, count))
+    shuffled = points.take(rng.permutation(count))
+    np.testing.assert_array_equal(thin(points, 3).xy, thin(shuffled, 3).xy)
+
+
+def test_a_budget_is_spread_evenly_over_the_image():
+    """Half of the keypoints, all the strong ones, sit in one corner."""
+    rng = np.random.default_rng(1)
+    crowd, rest = rng.uniform(0, 100, (5000, 2)), rng.uniform(0, 1000, (5000, 2))
+    points = keypoints(np.vstack([crowd, rest]), np.r_[np.full(5000, 9), np.ones(5000)])
+    ranked = thin(points, 0)
+    chosen = ranked.xy[spread_evenly(ranked, 1000, 1e6)[:1000]]
+    cells, _ = np.histogramdd(chosen, bins=5, range=[(0, 1000)] * 2)
+    assert cells.min() > 25
+    assert cells.max() < 60
+    by_response_alone, _ = np.histogramdd(ranked.xy[:1000], bins=5, range=[(0, 1000)] * 2)
+    assert by_response_alone.min() == 0
+
+
+@given(seed=st.integers(0, 10**6), distance=st.sampled_from([0.0, 1.0, 1.5, 2.0, 3.7]))
+def test_labels_around_a_point_are_those_within_the_distance(seed, distance):
+    rng = np.random.default_rng(seed)
+    labels = np.where(rng.random((12, 15)) < 0.2, rng.integers(1, 9, (12, 15)), 0).astype(np.int32)
+    window = Window(100, 50, 15, 12)
+    points = rng.uniform((100, 50), (115, 62), (20, 2))
+    found = labels_around(points, labels, window, distance)
+    row, col = np.nonzero(labels)
+    for point, row_found in zip(points, found, strict=True):
+        centre = np.floor(point) + 0.5
+        near = np.hypot(col + 100.5 - centre[0], row + 50.5 - centre[1]) <= distance
+        assert set(row_found[row_found > 0]) == set(labels[row[near], col[near]])
