@@ -250,7 +250,7 @@ def save_picture(figure: Figure, path: str | PathLike[str], *, overwrite: bool =
     check_picture(path, overwrite=overwrite)
     try:
         with staged(Path(path), Path(path).suffix, overwrite=overwrite) as temporary:
-            figure.savefig(temporary, dpi=200)
+            figure.savefig(temporary, dpi=200, bbox_inches="tight", pad_inches=0.08)
     except OSError as error:
         raise OutputError(
             f"{path} could not be written: {error.strerror or error}; free some space or choose "

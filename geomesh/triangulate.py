@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pythoncdt
@@ -68,25 +68,27 @@ def constrained_delaunay(
         If segments cross.
     """
     engine = _engine(points)
-    engine.insert_edges(np.ascontiguousarray(segments, dtype=np.uintc).data)
+    engine.insert_edges(np.ascontiguousarray(segments, dtype=np.uintc))
     engine.erase_outer_triangles_and_holes()
     return _finish(_triangles(engine))
 
 
-def _engine(points: NDArray[np.float64]) -> pythoncdt.Triangulation:
-    engine = pythoncdt.Triangulation(
+# The engine takes arrays as buffers, which the type of an array admits to only from Python 3.12 on.
+def _engine(points: NDArray[np.float64]) -> Any:
+    engine: Any = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO,
         pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
         0.0,
     )
     # Small numbers keep the most precision for the predicates.
     small = points - np.floor(points.min(axis=0))
-    engine.insert_vertices(np.ascontiguousarray(small).data)
+    engine.insert_vertices(np.ascontiguousarray(small))
     return engine
 
 
-def _triangles(engine: pythoncdt.Triangulation) -> Triangles:
-    return engine.triangles_array()["vertices"].astype(np.int32)
+def _triangles(engine: Any) -> Triangles:
+    corners: Triangles = engine.triangles_array()["vertices"].astype(np.int32)
+    return corners
 
 
 def _finish(triangles: Triangles) -> Triangulation:
