@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +32,19 @@ class Band:
     index: int
     description: str | None
     color: str | None
+
+
+def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
+    """Return the positions of "red", "green" and "blue", if each is there."""
+    if {"red", "green", "blue"} <= set(colors):
+        return colors.index("red"), colors.index("green"), colors.index("blue")
+    return None
+
+
+def described_color(band: Band) -> str | None:
+    """Return the colour that a band's description names, as in "B4 red"."""
+    words = re.findall("[a-z]+", (band.description or "").lower())
+    return next((word for word in words if word in ("red", "green", "blue")), None)
 
 
 def dataset_bands(

@@ -78,8 +78,8 @@ def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
         seen, valid = worked.read(worked.extent)
         edges = canny(seen, canny_thresholds(ArrayGray(seen, valid), recipe))
         bands, valid = reader.read(extent)
-    shown = list(scene.rgb or ((0, 1, 2) if len(bands) > 2 else (0, 0, 0)))
-    image = np.moveaxis(tone.display(bands)[shown], 0, -1).copy()
+    levels = tone.display(bands)[list(scene.display)]
+    image = np.moveaxis(levels, 0, -1).copy()
     image[~valid] = 255
     return Stages(gray, edges, mesh, image)
 

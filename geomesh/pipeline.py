@@ -181,8 +181,7 @@ def _measure(
 
 def _colors(means: NDArray[np.float64], scene: Scene, tone: Tone) -> NDArray[np.str_]:
     """Return the colour of each triangle: its mean in the display bands."""
-    shown = scene.rgb or ((0, 1, 2) if len(scene.bands) > 2 else (0, 0, 0))
-    return columns.colors(np.ascontiguousarray(tone.display(means)[list(shown)].T))
+    return columns.colors(np.ascontiguousarray(tone.display(means)[list(scene.display)].T))
 
 
 def _describe(scene: Scene, names: Sequence[str]) -> dict[str, Any]:

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
-from geomesh.bands import Band, alpha_index, array_bands, dataset_bands, palette
+from geomesh.bands import (
+    Band,
+    alpha_index,
+    array_bands,
+    dataset_bands,
+    described_color,
+    find_rgb,
+    palette,
+)
 from geomesh.errors import EmptyError, SourceError, one_line
 from geomesh.georeference import NO_CRS, georeference
 from geomesh.grid import IDENTITY, Grid, Window
@@ -77,10 +85,18 @@ class Scene:
     @property
     def rgb(self) -> tuple[int, int, int] | None:
         """Positions in `bands` of red, green and blue: as tagged, or the only three there are."""
-        colors = [band.color for band in self.bands]
-        if {"red", "green", "blue"} <= set(colors):
-            return colors.index("red"), colors.index("green"), colors.index("blue")
-        return (0, 1, 2) if len(self.bands) == 3 else None
+        return find_rgb([band.color for band in self.bands]) or (
+            (0, 1, 2) if len(self.bands) == 3 else None
+        )
+
+    @property
+    def display(self) -> tuple[int, int, int]:
+        """Positions in `bands` of what to show as red, green and blue.
+
+        As tagged, or as the bands' descriptions say, or the first three, or the first.
+        """
+        told = find_rgb([described_color(band) for band in self.bands])
+        return self.rgb or told or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
 
     @contextmanager
     def open(self) -> Iterator[Reader]:

@@ -25,6 +25,11 @@ def _numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) ->
         raise click.BadParameter(f"{value!r}: give band numbers such as 3,2,1") from error
 
 
+def _budget(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
+    """A number is a number; anything else is for the recipe to judge."""
+    return int(value) if value is not None and value.isdecimal() else value
+
+
 def words(choices: tuple[str, ...]) -> Callable[..., Any]:
     """Return a callback that parses comma-separated words."""
 
@@ -76,6 +81,7 @@ def raster_options(command: Command) -> Command:
             ),
             click.option(
                 "--nodes",
+                callback=_budget,
                 metavar="N|P%",
                 help="Node budget: a number, or a share of the valid pixels, such as 1%.",
             ),

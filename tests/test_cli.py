@@ -1,0 +1,219 @@
+"""The command line as its users call it: a person, a script, a program that reads JSON lines."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import geopandas as gpd
+import pytest
+from click.testing import CliRunner
+from conftest import SAMPLES
+
+import geomesh
+from geomesh.cli import cli
+
+OLINDA = str(SAMPLES / "olinda_landsat7_rgb_uint8.tif")
+ROTATED = str(SAMPLES / "olinda_landsat7_rgb_rotated_gt.tif")
+
+
+def run(*arguments, code=0):
+    """Run a command in this process; return what it printed on stdout and stderr."""
+    result = CliRunner().invoke(cli, [str(a) for a in arguments])
+    assert result.exit_code == code, result.output
+    return result.stdout, result.stderr
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("made") / "olinda.gpkg"
+    run("mesh", OLINDA, "-o", path, "--nodes", 300)
+    return path
+
+
+def test_the_command_is_installed_and_keeps_data_and_messages_apart(tmp_path):
+    command = Path(sys.executable).with_name("geomesh")
+    out = tmp_path / "mesh.gpkg"
+    done = subprocess.run(
+        [command, "mesh", OLINDA, "-o", out, "--nodes", "300", "--progress", "bar"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip().endswith("300 nodes, 495 triangles, certified")
+    assert "%" in done.stderr
+    assert geomesh.read_mesh(out).certify().passed
+
+
+def test_the_file_is_what_the_library_gives(made):
+    mesh = geomesh.mesh_raster(OLINDA, nodes=300)
+    again = geomesh.read_mesh(made)
+    assert (again.nodes == mesh.nodes).all()
+    assert (again.triangles == mesh.triangles).all()
+    assert again.metadata["recipe"] == json.loads(json.dumps(mesh.metadata["recipe"]))
+
+
+@pytest.mark.parametrize("extension", ["gpkg", "geojson", "fgb", "parquet"])
+def test_every_format_by_its_extension(tmp_path, extension):
+    path = tmp_path / f"mesh.{extension}"
+    run("mesh", OLINDA, "-o", path, "--nodes", 200)
+    options = {"layer": "triangles"} if extension == "gpkg" else {}
+    frame = gpd.read_parquet(path) if extension == "parquet" else gpd.read_file(path, **options)
+    assert len(frame) == len(geomesh.mesh_raster(OLINDA, nodes=200).triangles)
+
+
+def test_layers_and_statistics_can_be_chosen(tmp_path):
+    path = tmp_path / "nodes.geojson"
+    run("mesh", OLINDA, "-o", path, "--layers", "nodes", "--nodes", 100)
+    assert set(gpd.read_file(path).geom_type) == {"Point"}
+    path = tmp_path / "mesh.fgb"
+    run("mesh", OLINDA, "-o", path, "--stats", "mean,max", "--nodes", 100)
+    columns = gpd.read_file(path).columns
+    assert {"red_mean", "red_max"} <= set(columns)
+    assert not {"red_std", "red_min"} & set(columns)
+
+
+def test_json_lines_follow_the_protocol(tmp_path):
+    out = tmp_path / "mesh.gpkg"
+    stdout, _ = run("mesh", OLINDA, "-o", out, "--progress", "jsonl", "--nodes", 200)
+    events = [json.loads(line) for line in stdout.splitlines()]
+    kinds = [event["event"] for event in events]
+    assert kinds[0] == "start"
+    assert events[0]["protocol"] == 1
+    assert kinds[-1] == "result"
+    assert set(kinds[1:-1]) == {"progress"}
+    fractions = [event["fraction"] for event in events[1:-1]]
+    assert fractions == sorted(set(fractions))
+    assert fractions[-1] == 1
+    assert events[-1]["outputs"] == [str(out)]
+    assert events[-1]["figures"]["nodes"] == 200
+
+
+def test_json_lines_tell_warnings_and_errors(tmp_path):
+    source = SAMPLES / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif"
+    stdout, stderr = run(
+        "mesh", source, "-o", tmp_path / "m.geojson", "--progress", "jsonl", code=1
+    )
+    events = {event["event"]: event for event in map(json.loads, stdout.splitlines())}
+    assert "no georeference" in events["log"]["message"]
+    assert events["log"]["level"] == "warning"
+    assert events["error"]["code"] == "georeference"
+    assert "result" not in events
+    assert stderr == ""
+
+
+def test_one_bad_file_does_not_stop_the_batch(tmp_path):
+    folder = tmp_path / "meshes"
+    stdout, stderr = run(
+        "mesh", OLINDA, "missing.tif", ROTATED, "-o", folder, "--preset", "paper", code=1
+    )
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "olinda_landsat7_rgb_rotated_gt.gpkg",
+        "olinda_landsat7_rgb_uint8.gpkg",
+    ]
+    assert stdout.count("certified") == 2
+    assert "Error: missing.tif: no such file" in stderr
+    assert "2 meshed, 1 failed" in stderr
+
+
+def test_json_tells_of_every_source(tmp_path):
+    stdout, _ = run("mesh", OLINDA, "missing.tif", "-o", f"{tmp_path}/", "--json", code=1)
+    outcome = json.loads(stdout)
+    assert outcome["failed"] == 1
+    assert [set(result) for result in outcome["results"]] == [
+        {"source", "output", "nodes", "triangles"},
+        {"source", "error"},
+    ]
+
+
+def test_a_folder_takes_one_source_as_well(tmp_path):
+    run("mesh", ROTATED, "-o", tmp_path, "-f", "FlatGeobuf")
+    assert [path.name for path in tmp_path.iterdir()] == ["olinda_landsat7_rgb_rotated_gt.fgb"]
+
+
+def test_quality_prints_a_table_and_all_figures_as_json(made):
+    stdout, _ = run("quality", made)
+    for word in ("ki", "min_angle", "radius_ratio", "300 nodes", "under 10 degrees", "AB"):
+        assert word in stdout
+    image = json.loads(run("quality", made, "--json")[0])
+    assert image == geomesh.read_mesh(made).quality().summary()
+    on_map = json.loads(run("quality", made, "--json", "--space", "map")[0])
+    assert on_map["measures"]["ki"]["mean"] == pytest.approx(28.5 * image["measures"]["ki"]["mean"])
+    assert on_map["ki_normalised"] == pytest.approx(image["ki_normalised"])
+
+
+def test_info_describes_meshes_and_rasters(made):
+    text = run("info", made)[0]
+    for word in ("300", "EPSG:31985", "passed: True", "features"):
+        assert word in text
+    facts = json.loads(run("info", OLINDA, "--json")[0])
+    assert facts["size"] == [349, 352]
+    assert [band["description"] for band in facts["bands"]] == ["red", "green", "blue"]
+    assert facts["crs"] == "EPSG:31985"
+
+
+def test_the_recipe_of_a_mesh_makes_it_again(made, tmp_path):
+    recipe, again = tmp_path / "recipe.json", tmp_path / "again.gpkg"
+    recipe.write_text(run("info", made, "--json")[0])
+    run("mesh", OLINDA, "-o", again, "--recipe", recipe)
+    assert (geomesh.read_mesh(again).triangles == geomesh.read_mesh(made).triangles).all()
+
+
+def test_bounds_and_mask_crop(tmp_path):
+    west, south, east, north = 290000, 9112000, 294000, 9118000
+    out = tmp_path / "part.gpkg"
+    run("mesh", OLINDA, "-o", out, "--bounds", west, south, east, north)
+    got = gpd.read_file(out, layer="triangles").total_bounds
+    assert abs(got - (west, south, east, north)).max() <= 28.5
+    area = gpd.GeoDataFrame(
+        geometry=gpd.points_from_xy([293000], [9116000]).buffer(2000), crs="EPSG:31985"
+    )
+    area.to_crs(4326).to_file(tmp_path / "aoi.gpkg")
+    run("mesh", OLINDA, "-o", out, "--mask", tmp_path / "aoi.gpkg", "--overwrite")
+    covered = gpd.read_file(out, layer="triangles").union_all()
+    assert covered.symmetric_difference(area.geometry[0]).area < 0.03 * covered.area
+
+
+def test_stages_draws_a_picture(tmp_path):
+    out = tmp_path / "stages.png"
+    stdout, _ = run("stages", ROTATED, "-o", out, "--preset", "paper")
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert str(out) in stdout
+    _, stderr = run("stages", ROTATED, "-o", out, code=1)
+    assert "--overwrite" in stderr
+
+
+def test_settings_reach_the_recipe(tmp_path):
+    out = tmp_path / "m.gpkg"
+    run("mesh", ROTATED, "-o", out, "--set", "min_spacing=6", "--set", "stretch=[1,99]")
+    recipe = geomesh.read_mesh(out).metadata["recipe"]
+    assert recipe["min_spacing"] == 6
+    assert tuple(recipe["stretch"]) == (1, 99)
+
+
+@pytest.mark.parametrize("command", [[], ["mesh"], ["stages"], ["quality"], ["info"]])
+def test_help_shows_examples(command):
+    stdout, _ = run(*command, "--help")
+    assert "Examples:\n" in stdout
+    assert f"geomesh {' '.join(command)}".strip() in stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["mesh"], ["mesh", OLINDA], ["mesh", OLINDA, "-o", "x.gpkg", "--bidx", "a"], ["nope"]],
+)
+def test_wrong_usage_exits_with_2(arguments):
+    done = subprocess.run(
+        [Path(sys.executable).with_name("geomesh"), *arguments], capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    command = Path(sys.executable).with_name("geomesh")
+    done = subprocess.run(
+        [command, "--debug", "info", tmp_path / "missing.tif"], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert "Traceback" in done.stderr
