@@ -9,7 +9,7 @@ import matplotlib as mpl
 
 import geomesh
 from geomesh.figures import draw_stages, run_stages
-from geomesh.raster import open_scene
+from geomesh.sources import open_scene
 
 SAMPLES = Path("data_samples")
 IMAGES = Path("docs/images")

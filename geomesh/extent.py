@@ -26,7 +26,7 @@ def restrict(
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
 ) -> Scene:
-    """Return the scene cropped to `bounds` and `mask`: see `geomesh.raster.open_scene`."""
+    """Return the scene cropped to `bounds` and `mask`: see `geomesh.sources.open_scene`."""
     area: BaseGeometry | None = None
     window = scene.grid.extent
     if bounds is not None:

@@ -20,8 +20,9 @@ from geomesh.mesh import Mesh
 from geomesh.nodes import NodeSet, place_nodes
 from geomesh.preprocess import Tone, fit_tone
 from geomesh.progress import reporting
-from geomesh.raster import Reader, Scene, Source, open_scene
+from geomesh.raster import Reader, Scene
 from geomesh.recipe import Recipe
+from geomesh.sources import Source, open_scene
 from geomesh.table import Table
 from geomesh.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
 from geomesh.topology import Triangles

@@ -97,7 +97,7 @@ def _describe_mesh(path: str) -> dict[str, Any]:
 
 
 def _describe_raster(path: str) -> dict[str, Any]:
-    from geomesh.raster import open_scene
+    from geomesh.sources import open_scene
     from geomesh.tiles import plan_tiles
 
     scene = open_scene(path)

@@ -26,7 +26,7 @@ def _numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) ->
 
 
 def _budget(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
-    """A number is a number; anything else is for the recipe to judge."""
+    """Parse a number as a number; anything else is for the recipe to judge."""
     return int(value) if value is not None and value.isdecimal() else value
 
 

@@ -47,7 +47,7 @@ def stages(
     console.start("stages", source)
     with guarded(console, debug) as failures, console.progress() as report:
         from geomesh.figures import check_picture, draw_stages, run_stages, save_picture
-        from geomesh.raster import open_scene
+        from geomesh.sources import open_scene
 
         recipe = build_recipe(**recipe_options)
         check_picture(output, overwrite=overwrite)
