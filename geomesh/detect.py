@@ -24,7 +24,7 @@ from geomesh.outline import Turns, find_turns
 from geomesh.preprocess import Gray, Tone, resize, sobel_enhance
 from geomesh.raster import Reader
 from geomesh.recipe import Recipe
-from geomesh.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
+from geomesh.tiles import HALO, Progress, Tile, map_tiles, part_of, plan_tiles
 
 # Two tiles may place one keypoint on their common border a little differently:
 # both report what lies this close outside their core, and the copies are merged.
@@ -264,7 +264,7 @@ def _usable(
         top, bottom = int(window.row == extent.row), int(window.stop_row == extent.stop_row)
         left, right = int(window.col == extent.col), int(window.stop_col == extent.stop_col)
         framed = np.pad(known, ((top, bottom), (left, right)))
-        reach = int(np.ceil(recipe.min_spacing))
+        reach = min(int(np.ceil(recipe.min_spacing)), HALO)
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         eroded = cv2.erode(framed, disc, borderType=cv2.BORDER_REPLICATE).astype(np.uint8)
         height, width = usable.shape

@@ -24,9 +24,12 @@ from geomesh.grid import Window
 from geomesh.preprocess import Gray
 from geomesh.tiles import Tile
 
-# Automatic thresholds, as multiples of the median gradient of the pixels that have one.
-_LOW_FACTOR = 1.0
-_HIGH_FACTOR = 2.0
+# Automatic thresholds: the high one is twice the median gradient of the pixels that
+# have one, but below what the strongest have (in a mask all edges are strong); the
+# low one is half of it.
+_MEDIANS = 2.0
+_STRONGEST = 99
+_OF_STRONGEST = 0.9
 
 Gradients = tuple[NDArray[np.int16], NDArray[np.int16]]
 
@@ -112,8 +115,9 @@ def automatic_thresholds(samples: Sequence[tuple[Gray, NDArray[np.bool_]]], l2: 
     pooled: NDArray[Any] = np.concatenate(magnitudes)
     if len(pooled) == 0:
         return Thresholds(0.0, 0.0, l2)
-    median = float(np.median(np.sqrt(pooled) if l2 else pooled))
-    return Thresholds(_LOW_FACTOR * median, _HIGH_FACTOR * median, l2)
+    median, strongest = np.percentile(np.sqrt(pooled) if l2 else pooled, (50, _STRONGEST))
+    high = min(_MEDIANS * float(median), _OF_STRONGEST * float(strongest))
+    return Thresholds(high / 2, high, l2)
 
 
 def tile_edges(

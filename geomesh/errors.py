@@ -17,6 +17,10 @@ class GeomeshError(Exception):
 
     code = "error"
 
+    def __str__(self) -> str:
+        # A file's name may hold a line break.
+        return " ".join(super().__str__().splitlines())
+
 
 class SourceError(GeomeshError):
     """The source cannot be opened or read as a raster."""

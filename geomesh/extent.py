@@ -10,6 +10,7 @@ import geopandas as gpd
 import pyogrio
 import shapely
 from pyogrio.errors import DataSourceError
+from pyproj.exceptions import ProjError
 from shapely.geometry.base import BaseGeometry
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
@@ -31,7 +32,7 @@ def restrict(
     window = scene.grid.extent
     if bounds is not None:
         west, south, east, north = bounds
-        if not (west < east and south < north):
+        if not (-math.inf < west < east < math.inf and -math.inf < south < north < math.inf):
             raise GeoreferenceError(
                 f"bounds {west:g} {south:g} {east:g} {north:g}: expected west < east and "
                 "south < north, in the raster's CRS"
@@ -43,6 +44,8 @@ def restrict(
         polygons = _polygons(mask, scene)
         window = _around(scene, polygons, window, "--mask")
         area = polygons if area is None else shapely.intersection(area, polygons)
+        if area.is_empty:
+            raise EmptyError(f"--bounds and --mask have nothing in common on {scene.name}")
     return scene.crop(window, area)
 
 
@@ -63,21 +66,34 @@ def _around(scene: Scene, area: BaseGeometry, window: Window, option: str) -> Wi
 
 def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
     """Return the mask's polygons as one geometry in the scene's CRS."""
+    name = f"mask {mask}" if isinstance(mask, str | PathLike) else "the mask"
+    shapes = _shapes(mask, name)
+    shapes = shapes[shapes.geom_type.isin(["Polygon", "MultiPolygon"]) & ~shapes.is_empty]
+    if shapes.empty:
+        raise SourceError(f"{name} holds no polygon; give polygons of the area to keep")
+    grid: Grid = scene.grid
+    if shapes.crs is not None and grid.crs is None:
+        raise GeoreferenceError(
+            f"{name} is in {shapes.crs.to_string()} but {scene.name} has no CRS; "
+            "georeference the raster, or give a mask without CRS in its coordinates"
+        )
+    if shapes.crs is not None:
+        try:
+            shapes = shapes.to_crs(grid.crs)
+        except ProjError as error:
+            raise GeoreferenceError(
+                f"{name} is in the CRS {shapes.crs.name!r}, from which there is no way to that of "
+                f"{scene.name}; reproject it first"
+            ) from error
+    return shapes.make_valid().union_all()
+
+
+def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
     if isinstance(mask, str | PathLike):
         try:
             mask = pyogrio.read_dataframe(mask, columns=[])
         except DataSourceError as error:
-            raise SourceError(f"mask {mask}: cannot be read as a vector file ({error})") from error
-    shapes = gpd.GeoSeries(mask.geometry)
-    shapes = shapes[shapes.geom_type.isin(["Polygon", "MultiPolygon"])]
-    if shapes.empty:
-        raise SourceError("the mask holds no polygon; give polygons of the area to keep")
-    grid: Grid = scene.grid
-    if shapes.crs is not None and grid.crs is None:
-        raise GeoreferenceError(
-            f"the mask is in {shapes.crs.to_string()} but {scene.name} has no CRS; "
-            "georeference the raster, or give a mask without CRS in its coordinates"
-        )
-    if shapes.crs is not None:
-        shapes = shapes.to_crs(grid.crs)
-    return shapely.make_valid(shapes.union_all())
+            raise SourceError(f"{name} cannot be read as a vector file ({error})") from error
+    if isinstance(mask, gpd.GeoDataFrame | gpd.GeoSeries):
+        return gpd.GeoSeries(mask.geometry)
+    raise SourceError(f"{name} has no geometry; give a file, GeoDataFrame or GeoSeries of polygons")

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import rasterio
+from affine import Affine
+from numpy.typing import NDArray
 from pyproj import CRS
 from rasterio.transform import from_gcps
 
@@ -18,30 +20,45 @@ NO_CRS = "{} has no CRS: the mesh has none either"
 
 def georeference(name: str, dataset: rasterio.DatasetReader) -> tuple[Grid, tuple[str, ...]]:
     """Return the grid of a dataset, and what the user should know about it."""
-    size = dataset.width, dataset.height
     crs = _crs(name, dataset.crs)
     if dataset.transform != IDENTITY or crs is not None:
         notes = () if crs else (NO_CRS.format(name),)
-        return Grid(*size, dataset.transform, crs), notes
+        return _grid(name, dataset, dataset.transform, crs), notes
     gcps, gcp_crs = dataset.gcps
-    if len(gcps) >= 3:
-        transform = from_gcps(gcps)
-        if transform.determinant != 0:
-            crs = _crs(name, gcp_crs)
-            fitted = Grid(*size, transform, crs)
-            points = fitted.to_map([(gcp.col, gcp.row) for gcp in gcps])
-            offsets = points - np.array([(gcp.x, gcp.y) for gcp in gcps])
-            residual = float(np.sqrt((offsets**2).sum(axis=1).mean()))
-            pixel = math.sqrt(abs(transform.determinant))
-            return fitted, (
-                f"{name} is placed by {len(gcps)} ground control points: an affine transform was "
-                f"fitted, residual {residual:.4g} map units RMS ({residual / pixel:.2g} pixels)",
-            )
-    if dataset.rpcs is not None:
+    pixels = np.array([(gcp.col, gcp.row) for gcp in gcps], np.float64).reshape(-1, 2)
+    places = np.array([(gcp.x, gcp.y) for gcp in gcps], np.float64).reshape(-1, 2)
+    if _spread(pixels) and _spread(places):
+        fitted = _grid(name, dataset, from_gcps(gcps), _crs(name, gcp_crs))
+        offsets = fitted.to_map(pixels) - places
+        residual = float(np.sqrt((offsets**2).sum(axis=1).mean()))
+        pixel = math.sqrt(abs(fitted.transform.determinant))
+        return fitted, (
+            f"{name} is placed by {len(gcps)} ground control points: an affine transform was "
+            f"fitted, residual {residual:.4g} map units RMS ({residual / pixel:.2g} pixels)",
+        )
+    if gcps:
+        why = f"has {len(gcps)} ground control points, too few or on a line: give three or more"
+    elif dataset.rpcs is not None:
         why = "has rational polynomial coefficients (RPC) only: orthorectify it for map coordinates"
     else:
         why = "has no georeference"
-    return Grid(*size), (f"{name} {why}; the mesh is in pixel coordinates, without a CRS",)
+    notes = (f"{name} {why}; the mesh is in pixel coordinates, without a CRS",)
+    return _grid(name, dataset, IDENTITY, None), notes
+
+
+def _grid(name: str, dataset: rasterio.DatasetReader, transform: Affine, crs: CRS | None) -> Grid:
+    try:
+        return Grid(dataset.width, dataset.height, transform, crs)
+    except GeoreferenceError as error:
+        raise GeoreferenceError(f"{name}: {error}") from error
+
+
+def _spread(points: NDArray[np.float64]) -> bool:
+    """Tell whether points (n, 2) span a plane: only then do they fix an affine transform."""
+    if len(points) < 3:
+        return False
+    centred = points - points.mean(axis=0)
+    return bool(np.linalg.matrix_rank(centred, tol=1e-9 * np.abs(centred).max()) == 2)
 
 
 def _crs(name: str, crs: Any) -> CRS | None:

@@ -16,6 +16,9 @@ Points = NDArray[np.float64]
 
 IDENTITY = Affine.identity()
 
+# So many float64 numbers must lie within a pixel, or triangles would have no area.
+_LEAST_STEPS = 1024
+
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -95,6 +98,13 @@ class Grid:
         if self.transform.determinant == 0:
             raise GeoreferenceError(
                 f"the transform {tuple(self.transform[:6])} maps every pixel onto a line"
+            )
+        a, b, _, d, e, _ = self.transform[:6]
+        pixel = min(math.hypot(a, d), math.hypot(b, e))
+        if pixel < _LEAST_STEPS * np.spacing(max(map(abs, self.bounds()))):
+            raise GeoreferenceError(
+                f"pixels of {pixel:g} map units are finer than float64 coordinates can tell apart "
+                f"at {self.transform.c:g}, {self.transform.f:g}: correct the georeference"
             )
 
     @property

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +19,7 @@ from geomesh.errors import MissingExtraError
 from geomesh.grid import Grid, Points
 from geomesh.quality import Quality, measure
 from geomesh.table import Table, read_only
-from geomesh.topology import Edges, build_edges, edge_keys
+from geomesh.topology import FILL, Edges, build_edges, find_edges
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -78,11 +79,10 @@ class Mesh:
         crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
         return f"<Mesh: {len(self.nodes)} nodes, {len(self.triangles)} triangles, {crs}>"
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "metadata": dict(self.metadata)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state | {"metadata": MappingProxyType(state["metadata"])})
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Copies and pickles are built anew, so that their arrays are read-only too.
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Mesh, tuple((values | {"metadata": dict(self.metadata)}).values())
 
     @property
     def plane_scale(self) -> tuple[float, float]:
@@ -115,8 +115,11 @@ class Mesh:
         """
         if space == "image":
             return self._image_quality
-        west, south, east, north = self.grid.bounds()
-        return measure(self.map_nodes, self.triangles, size=(east - west, north - south))
+        if space != "map":
+            raise ValueError(f"space is {space!r}: choose image or map")
+        a, b, _, d, e, _ = self.grid.transform[:6]
+        size = self.grid.width * math.hypot(a, d), self.grid.height * math.hypot(b, e)
+        return measure(self.map_nodes, self.triangles, size=size)
 
     @cached_property
     def _image_quality(self) -> Quality:
@@ -146,13 +149,13 @@ class Mesh:
             return self._triangle_attributes()
         if layer == "edges":
             return self._edge_attributes()
-        ids = np.arange(len(self.nodes), dtype=np.int32)
-        columns: dict[str, NDArray[Any]] = {
-            "id": ids,
-            "col": self.nodes[:, 0],
-            "row": self.nodes[:, 1],
-        }
-        return Table({**columns, **self.node_table})
+        if layer != "nodes":
+            raise ValueError(f"layer is {layer!r}: choose from {', '.join(LAYERS)}")
+        columns: dict[str, NDArray[Any]] = {"id": np.arange(len(self.nodes), dtype=np.int32)}
+        if "kind" in self.node_table:
+            columns["kind"] = self.node_table["kind"]
+        columns |= {"col": self.nodes[:, 0], "row": self.nodes[:, 1]}
+        return Table(columns | dict(self.node_table))
 
     def _triangle_attributes(self) -> Table:
         corners = {f"n{k}": self.triangles[:, k] for k in range(3)}
@@ -171,6 +174,9 @@ class Mesh:
     def _edge_attributes(self) -> Table:
         edges = self.edges
         ends = self.plane_nodes[edges.nodes]
+        constrained = np.zeros(len(edges.nodes), np.bool_)
+        found = find_edges(edges, self.constraints)
+        constrained[found[found != FILL]] = True
         return Table(
             {
                 "id": np.arange(len(edges.nodes), dtype=np.int32),
@@ -179,7 +185,7 @@ class Mesh:
                 "left": edges.left,
                 "right": edges.right,
                 "length": np.hypot(*(ends[:, 1] - ends[:, 0]).T),
-                "constrained": np.isin(edge_keys(edges.nodes), edge_keys(self.constraints)),
+                "constrained": constrained,
             }
         )
 
@@ -190,6 +196,7 @@ class Mesh:
         ----------
         layer : {"triangles", "edges", "nodes"}
         """
+        columns = dict(self.attributes(layer))
         if layer == "triangles":
             rings = self.map_nodes[self.triangles[:, [0, 1, 2, 0]]]
             geometry = shapely.polygons(rings)
@@ -197,7 +204,7 @@ class Mesh:
             geometry = shapely.linestrings(self.map_nodes[self.edges.nodes])
         else:
             geometry = shapely.points(self.map_nodes)
-        return gpd.GeoDataFrame(dict(self.attributes(layer)), geometry=geometry, crs=self.grid.crs)
+        return gpd.GeoDataFrame(columns, geometry=geometry, crs=self.grid.crs)
 
     def to_graph(self, library: Literal["scipy", "networkx", "libpysal"] = "scipy") -> Any:
         """Return the mesh as a graph: its nodes, joined by its edges.
@@ -213,6 +220,8 @@ class Mesh:
         """
         from scipy import sparse
 
+        if library not in ("scipy", "networkx", "libpysal"):
+            raise ValueError(f"library is {library!r}: choose scipy, networkx or libpysal")
         ends = self.edges.nodes
         lengths = np.hypot(*(self.map_nodes[ends[:, 1]] - self.map_nodes[ends[:, 0]]).T)
         row, col = np.concatenate([ends, ends[:, ::-1]]).T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -200,12 +201,20 @@ class _DatasetReader:
         return bands, _valid(self.scene, bands, valid, window)
 
 
+def _holds(dtype: np.dtype[Any], value: float) -> bool:
+    """Tell whether a pixel of this type can have the value at all."""
+    if dtype.kind == "f":
+        return True
+    limits = np.iinfo(dtype)
+    return value.is_integer() and limits.min <= value <= limits.max
+
+
 def _valid(
     scene: Scene, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
 ) -> NDArray[np.bool_]:
     """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
-    if scene.nodata is not None:
-        with np.errstate(invalid="ignore", over="ignore"):
+    if scene.nodata is not None and _holds(bands.dtype, scene.nodata):
+        with np.errstate(over="ignore"):
             valid &= (bands != np.array(scene.nodata).astype(bands.dtype)).all(axis=0)
     if bands.dtype.kind == "f":
         valid &= np.isfinite(bands).all(axis=0)
@@ -227,7 +236,8 @@ def open_dataset(name: str) -> Iterator[rasterio.DatasetReader]:
             dataset = rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:
         path = Path(name)
-        looks_local = "://" not in name and not name.startswith("/vsi")
+        # Not a URL, nor a name for a driver, such as GPKG:file.gpkg:table.
+        looks_local = not re.match(r"/vsi|[A-Za-z0-9_+.-]{2,}:", name)
         if looks_local and not path.exists():
             reason = "no such file; check the path"
         elif looks_local and path.is_dir():

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -18,6 +18,12 @@ DOMAINS = ("valid", "image", "hull")
 SIFT_SOURCES = ("gray", "edges")
 # Up to this octave a halo of 64 pixels reproduces what the whole image gives.
 LOCAL_OCTAVE = 2
+
+# An edge farther away than the halo of a tile could not be seen from it.
+FARTHEST_EDGE = 32
+LARGEST_RESIZE = 32_767
+
+Rule = tuple[Callable[[Any], bool], str]
 STATISTICS = ("mean", "std", "min", "max")
 
 
@@ -106,33 +112,18 @@ class Recipe:
     statistics: tuple[str, ...] = STATISTICS
 
     def __post_init__(self) -> None:
-        if not self.gray.startswith("band:"):
-            _require_one_of("gray", self.gray, (*GRAY_METHODS, "band:N"))
-        elif not self.gray[5:].isdecimal() or int(self.gray[5:]) < 1:
-            raise RecipeError(f"gray is {self.gray!r}: give a band number from 1 up, as in band:4")
-        _require_one_of("domain", self.domain, DOMAINS)
-        _require_one_of("sift_source", self.sift_source, SIFT_SOURCES)
-        for name in self.statistics:
-            _require_one_of("statistics", name, STATISTICS)
-        low, high = self.stretch
-        _require("stretch", self.stretch, 0 <= low < high <= 100, "two rising percentiles")
-        if self.resize is not None:
-            _require(
-                "resize", self.resize, min(self.resize) >= 1, "a width and height of 1 or more"
-            )
-        for name in ("canny_low", "canny_high", "edge_distance", "border_spacing"):
+        for name in ("stretch", "resize", "statistics"):
             value = getattr(self, name)
-            _require(name, value, value is None or 0 <= value < math.inf, "0 or more")
-        if self.canny_low is not None and self.canny_high is not None:
-            _require(
-                "canny_low", self.canny_low, self.canny_low <= self.canny_high, "<= canny_high"
-            )
-        for name in ("sift_contrast_threshold", "min_spacing", "min_hole"):
-            _require(name, getattr(self, name), 0 <= getattr(self, name) < math.inf, "0 or more")
-        for name in ("sift_octave_layers", "sift_edge_threshold", "sift_sigma"):
-            _require(name, getattr(self, name), 0 < getattr(self, name) < math.inf, "above 0")
-        if self.nodes is not None:
-            self.node_budget(1)
+            if isinstance(value, list):
+                object.__setattr__(self, name, tuple(value))
+        for name, (holds, expected) in _RULES.items():
+            value = getattr(self, name)
+            if not holds(value):
+                raise RecipeError(f"{name} is {value!r}: expected {expected}")
+        low, high = self.canny_low, self.canny_high
+        if low is not None and high is not None and low > high:
+            raise RecipeError(f"canny_low is {low!r}: expected canny_high ({high!r}) or less")
+        self.node_budget(1)
 
     def node_budget(self, pixels: int) -> int | None:
         """Return the node budget for an image of so many valid pixels, or None for no limit."""
@@ -178,13 +169,18 @@ class Recipe:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Recipe:
         """Return the recipe that `to_dict` wrote."""
-        tuples = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
-        return cls().with_values(**tuples)
+        if not isinstance(values, Mapping):
+            raise RecipeError(f"{values!r} is no recipe: expected names and values")
+        return cls().with_values(**values)
 
     @classmethod
     def from_json(cls, document: str) -> Recipe:
         """Return the recipe that `to_json` wrote."""
-        return cls.from_dict(json.loads(document))
+        try:
+            values = json.loads(document)
+        except ValueError as error:
+            raise RecipeError(f"the recipe is not JSON ({error})") from error
+        return cls.from_dict(values)
 
     @classmethod
     def from_preset(cls, name: str) -> Recipe:
@@ -193,14 +189,87 @@ class Recipe:
         return PRESETS[name]
 
 
-def _require(name: str, value: Any, holds: bool, expected: str) -> None:
-    if not holds:
-        raise RecipeError(f"{name} is {value!r}: expected {expected}")
-
-
 def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise RecipeError(f"{name} is {value!r}: choose from {', '.join(choices)}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _is_gray(value: Any) -> bool:
+    if not isinstance(value, str):
+        return False
+    number = value.removeprefix("band:")
+    return value in GRAY_METHODS or (number != value and number.isdecimal() and int(number) > 0)
+
+
+def _is_stretch(value: Any) -> bool:
+    pair = isinstance(value, tuple) and len(value) == 2 and all(map(_is_number, value))
+    return pair and 0 <= value[0] < value[1] <= 100
+
+
+def _is_size(value: Any) -> bool:
+    pair = isinstance(value, tuple) and len(value) == 2 and all(map(_is_whole, value))
+    return pair and min(value) >= 1 and max(value) <= LARGEST_RESIZE
+
+
+def _one_of(choices: tuple[str, ...]) -> Rule:
+    return lambda value: isinstance(value, str) and value in choices, f"one of {', '.join(choices)}"
+
+
+_TEXT: Rule = (lambda value: isinstance(value, str), "a name")
+_FLAG: Rule = (lambda value: isinstance(value, bool), "true or false")
+_NOT_NEGATIVE: Rule = (lambda value: _is_number(value) and value >= 0, "a number, 0 or more")
+_POSITIVE: Rule = (lambda value: _is_number(value) and value > 0, "a number above 0")
+_OPTIONAL: Rule = (
+    lambda value: value is None or (_is_number(value) and value >= 0),
+    "a number, 0 or more, or null",
+)
+
+_RULES: Mapping[str, Rule] = {
+    "preset": _TEXT,
+    "gray": (_is_gray, f"one of {', '.join(GRAY_METHODS)} or band:N"),
+    "stretch": (_is_stretch, "two rising percentiles such as [2, 98]"),
+    "stretch_gray": _FLAG,
+    "sobel": _FLAG,
+    "resize": (
+        lambda value: value is None or _is_size(value),
+        f"a width and a height of 1 to {LARGEST_RESIZE} pixels such as [256, 256], or null",
+    ),
+    "canny_low": _OPTIONAL,
+    "canny_high": _OPTIONAL,
+    "canny_l2": _FLAG,
+    "sift_source": _one_of(SIFT_SOURCES),
+    "sift_max_octave": (
+        lambda value: value is None or (_is_whole(value) and value >= -1),
+        "a whole number, -1 or more, or null",
+    ),
+    "sift_octave_layers": (lambda value: _is_whole(value) and value > 0, "a whole number above 0"),
+    "sift_contrast_threshold": _NOT_NEGATIVE,
+    "sift_edge_threshold": _POSITIVE,
+    "sift_sigma": _POSITIVE,
+    "edge_distance": (
+        lambda value: value is None or (_is_number(value) and 0 <= value <= FARTHEST_EDGE),
+        f"a number from 0 to {FARTHEST_EDGE}, or null",
+    ),
+    "min_spacing": _NOT_NEGATIVE,
+    "domain": _one_of(DOMAINS),
+    "border_spacing": (
+        lambda value: value is None or (_is_number(value) and value > 0),
+        "a number above 0, or null",
+    ),
+    "min_hole": (lambda value: _is_whole(value) and value >= 0, "a whole number, 0 or more"),
+    "statistics": (
+        lambda value: isinstance(value, tuple) and all(name in STATISTICS for name in value),
+        f"some of {', '.join(STATISTICS)}",
+    ),
+}
 
 
 PRESETS: Mapping[str, Recipe] = {

@@ -11,13 +11,18 @@ import numpy as np
 import rasterio
 from affine import Affine
 from pyproj import CRS
+from pyproj.exceptions import CRSError
+from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
+from rasterio.vrt import WarpedVRT
 
 from geomesh.bands import array_bands, dataset_bands
-from geomesh.errors import SourceError
+from geomesh.errors import GeoreferenceError, SourceError, one_line
 from geomesh.extent import restrict
 from geomesh.georeference import NO_CRS, georeference
 from geomesh.grid import IDENTITY, Grid
 from geomesh.raster import Scene, open_dataset
+
+_DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)
 
 ArraySource = tuple[Any, Affine, Any]
 Source: TypeAlias = "str | PathLike[str] | rasterio.DatasetReader | ArraySource"
@@ -50,15 +55,22 @@ def open_scene(
     ------
     SourceError, BandError, GeoreferenceError, EmptyError
     """
-    if isinstance(source, tuple):
+    if isinstance(source, tuple) and len(source) == 3:
         scene = _array_scene(source, bidx)
-    elif isinstance(source, rasterio.DatasetReader | rasterio.vrt.WarpedVRT):
+    elif isinstance(source, _DATASETS):
+        if source.closed:
+            raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
         scene = _dataset_scene(source.name, source, source, bidx)
-    else:
+    elif isinstance(source, str | PathLike):
         name = fspath(source)
         with open_dataset(name) as dataset:
             scene = _dataset_scene(name, name, dataset, bidx)
-    scene = replace(scene, nodata=nodata)
+    else:
+        raise SourceError(
+            f"a {type(source).__name__} is no source: give a path, an open rasterio dataset or "
+            "(array, transform, crs)"
+        )
+    scene = replace(scene, nodata=None if nodata is None else float(nodata))
     if bounds is not None or mask is not None:
         scene = restrict(scene, bounds=bounds, mask=mask)
     return scene
@@ -75,7 +87,18 @@ def _array_scene(source: ArraySource, bidx: Sequence[int] | None) -> Scene:
         )
     count, height, width = array.shape
     bands = array_bands("the array", array.dtype, count, bidx)
-    grid = Grid(width, height, transform or IDENTITY, CRS.from_user_input(crs) if crs else None)
+    try:
+        placed = None if crs is None else CRS.from_user_input(crs)
+    except CRSError as error:
+        raise GeoreferenceError(
+            f"the array's CRS {crs!r} is unknown ({one_line(error)})"
+        ) from error
+    if not isinstance(transform, Affine | None):
+        raise GeoreferenceError(
+            f"the array's transform {transform!r} is no affine.Affine; GDAL's order of the numbers "
+            "is another one: use Affine.from_gdal"
+        )
+    grid = Grid(width, height, transform or IDENTITY, placed)
     notes = () if grid.crs else (NO_CRS.format("the array"),)
     return Scene("array", grid, grid.extent, bands, array.dtype, (array,), notes=notes)
 

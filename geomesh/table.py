@@ -55,6 +55,10 @@ class Table(Mapping[str, NDArray[Any]]):
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "length", max(length, 0))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Copies and pickles are built anew, so that their arrays are read-only too.
+        return Table, (dict(self.columns), self.length)
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.columns[name]
 

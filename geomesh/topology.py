@@ -43,24 +43,34 @@ def build_edges(triangles: Triangles) -> Edges:
     someone walking from the edge's first node to its second.
     """
     keys, forward = _half_edges(triangles)
-    owner = np.tile(np.arange(len(triangles), dtype=np.int32), 3)
     order = np.argsort(keys, kind="stable")
-    keys, forward, owner = keys[order], forward[order], owner[order]
-    unique, uses = np.unique(keys, return_counts=True)
-    edge_of = np.repeat(np.arange(len(unique)), uses)
-    left = np.full(len(unique), FILL, np.int32)
-    right = np.full(len(unique), FILL, np.int32)
+    keys, forward = keys[order], forward[order]
+    owner = (order % max(len(triangles), 1)).astype(np.int32)
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    uses = np.diff(np.append(first, len(keys))).astype(np.int32)
+    edge_of = np.repeat(np.arange(len(first)), uses)
+    left = np.full(len(first), FILL, np.int32)
+    right = np.full(len(first), FILL, np.int32)
     left[edge_of[forward]] = owner[forward]
     right[edge_of[~forward]] = owner[~forward]
-    nodes = np.column_stack([unique >> 32, unique & 0xFFFFFFFF]).astype(np.int32)
-    return Edges(nodes, left, right, uses.astype(np.int32))
+    nodes = np.column_stack([keys[first] >> 32, keys[first] & 0xFFFFFFFF]).astype(np.int32)
+    return Edges(nodes, left, right, uses)
 
 
 def edge_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return one int64 a node pair (K, 2), the same for both directions."""
-    low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1).astype(np.int64)
-    keys: NDArray[np.int64] = (low << 32) | high
+    one, other = pairs[:, 0].astype(np.int64), pairs[:, 1].astype(np.int64)
+    keys: NDArray[np.int64] = (np.minimum(one, other) << 32) | np.maximum(one, other)
     return keys
+
+
+def find_edges(edges: Edges, pairs: NDArray[np.integer]) -> NDArray[np.intp]:
+    """Return the edge of each node pair (K, 2), in either direction, or `FILL` if there is none."""
+    known, wanted = edge_keys(edges.nodes), edge_keys(pairs)
+    place = np.searchsorted(known, wanted)
+    found = place < len(known)
+    found[found] = known[place[found]] == wanted[found]
+    return np.where(found, place, FILL)
 
 
 def _half_edges(triangles: Triangles) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

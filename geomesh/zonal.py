@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.grid import Points, Window
-from geomesh.jit import kernel
-from geomesh.scan import Corners, column_range, row_range, sort_corners
 from geomesh.table import read_only
 from geomesh.topology import Triangles
+from geomesh.zonal_kernels import add, blend, scan_triangles
 
 Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -129,11 +128,13 @@ def measure_tile(
     origin = (window.row, window.col)
     box = (core.row, core.stop_row, core.col, core.stop_col)
     flat = bands.reshape(len(bands), -1)
-    _scan_triangles(nodes, triangles, near, flat, valid, origin, box, pixels, count, moments)
+    scan_triangles(nodes, triangles, near, flat, valid, origin, box, pixels, count, moments)
     owning, without = pixels > 0, near[count == 0]
     centroids = nodes[triangles[without]].mean(axis=1)
     held = _inside(centroids, window, core)
     mine = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
+    node_values = np.empty((len(bands), len(mine)))
+    blend(nodes[mine], bands, valid, origin, node_values)
     return TilePartial(
         index=near[owning],
         pixels=pixels[owning],
@@ -142,7 +143,7 @@ def measure_tile(
         centroid_index=without[held],
         centroid_values=_sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
         node_index=mine,
-        node_values=_interpolate(nodes[mine], bands, valid, window),
+        node_values=node_values,
     )
 
 
@@ -155,28 +156,17 @@ def merge(
     1983), so that no squares of the values themselves are ever subtracted.
     """
     pixels, count = np.zeros((2, n_triangles), np.int64)
-    mean, m2 = np.zeros((2, n_bands, n_triangles))
-    low = np.full((n_bands, n_triangles), np.inf)
-    high = np.full((n_bands, n_triangles), -np.inf)
+    moments = np.zeros((4, n_bands, n_triangles))
+    moments[2:] = np.array([np.inf, -np.inf])[:, None, None]
     centroid = np.full((n_bands, n_triangles), np.nan)
     node_values = np.full((n_bands, n_nodes), np.nan)
     for part in partials:
-        pixels[part.index] += part.pixels
-        some = part.count > 0
-        index, added = part.index[some], part.count[some]
-        part_mean, part_m2, part_low, part_high = part.moments[:, :, some]
-        before = count[index]
-        count[index] += added
-        share = added / count[index]
-        delta = part_mean - mean[:, index]
-        mean[:, index] += delta * share
-        m2[:, index] += part_m2 + delta * (before * share) * delta
-        low[:, index] = np.minimum(low[:, index], part_low)
-        high[:, index] = np.maximum(high[:, index], part_high)
+        add(part.index, part.pixels, part.count, part.moments, pixels, count, moments)
         centroid[:, part.centroid_index] = part.centroid_values
         node_values[:, part.node_index] = part.node_values
+    mean, m2, low, high = moments
     std = np.sqrt(m2 / np.maximum(count, 1))
-    none = count == 0
+    none = np.flatnonzero(count == 0)
     for result in (mean, low, high):
         result[:, none] = centroid[:, none]
     std[:, none] = np.where(np.isnan(centroid[:, none]), np.nan, 0.0)
@@ -224,99 +214,3 @@ def _sample(
     there = (col >= 0) & (col < window.width) & (row >= 0) & (row < window.height)
     col, row = np.where(there, col, 0), np.where(there, row, 0)
     return np.where(there & valid[row, col], bands[:, row, col].astype(np.float64), np.nan)
-
-
-def _interpolate(
-    points: Points, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
-) -> Floats:
-    """Return values (B, P), bilinear between the four pixel centres around each point.
-
-    The weights of pixels that are not valid, or beyond the image, go to the others.
-    """
-    x, y = points.T - 0.5
-    left, top = np.floor(x), np.floor(y)
-    total, values = np.zeros((2, len(bands), len(points)))
-    for across, wide in ((left, 1 - (x - left)), (left + 1, x - left)):
-        for down, high in ((top, 1 - (y - top)), (top + 1, y - top)):
-            sample = _sample(across, down, bands, valid, window)
-            weight = np.where(np.isnan(sample), 0.0, wide * high)
-            total += weight
-            values += np.where(weight > 0, weight * sample, 0.0)
-    return values / np.where(total > 0, total, np.nan)
-
-
-@kernel
-def _scan_triangles(
-    nodes: Points,
-    triangles: Triangles,
-    chosen: Ids,
-    values: NDArray[Any],
-    valid: NDArray[np.bool_],
-    origin: tuple[int, int],
-    box: tuple[int, int, int, int],
-    pixels: Counts,
-    count: Counts,
-    moments: Floats,
-) -> None:
-    """Fill `pixels`, `count` (K,) and `moments` (4, B, K): mean, m2, low, high.
-
-    `values` (B, h * w) and `valid` (h, w) begin at the pixel `origin` (row, col);
-    only those in `box` (first and stop row, first and stop column) are counted.
-    """
-    members = np.empty((box[1] - box[0]) * (box[3] - box[2]), np.intp)
-    for k in range(len(chosen)):
-        a, b, c = triangles[chosen[k]]
-        corners = sort_corners(
-            nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
-        )
-        pixels[k], count[k] = _collect(corners, valid, origin, box, members)
-        if count[k] > 0:
-            for band in range(len(values)):
-                mean, m2, low, high = _moments(values[band], members[: count[k]])
-                moments[0, band, k], moments[1, band, k] = mean, m2
-                moments[2, band, k], moments[3, band, k] = low, high
-
-
-@kernel
-def _collect(
-    corners: Corners,
-    valid: NDArray[np.bool_],
-    origin: tuple[int, int],
-    box: tuple[int, int, int, int],
-    members: NDArray[np.intp],
-) -> tuple[int, int]:
-    """List the flat positions of a triangle's valid pixels; return (owned, valid) pixels."""
-    owned, found = 0, 0
-    top, bottom = row_range(corners, box[0], box[1])
-    for row in range(top, bottom):
-        first, last = column_range(corners, row, box[2], box[3])
-        owned += max(last - first, 0)
-        r, shift = row - origin[0], (row - origin[0]) * valid.shape[1] - origin[1]
-        for col in range(first, last):
-            # Written in any case, kept if valid: a branch would cost more.
-            members[found] = shift + col
-            found += valid[r, col - origin[1]]
-    return owned, found
-
-
-@kernel
-def _moments(values: NDArray[Any], members: NDArray[np.intp]) -> tuple[float, float, float, float]:
-    """Mean, sum of squared deviations, least and greatest of ``values[members]``.
-
-    Two passes, the first relative to the first value, the second to the mean: no
-    digits are lost where the values are large and their differences small.
-    """
-    start = float(values[members[0]])
-    total, low, high = 0.0, start, start
-    for member in members:
-        value = float(values[member])
-        total += value - start
-        low, high = min(low, value), max(high, value)
-    mean = start + total / len(members)
-    squares, rest = 0.0, 0.0
-    for member in members:
-        deviation = float(values[member]) - mean
-        squares += deviation * deviation
-        rest += deviation
-    # What rounding left in the mean (Chan, Golub and LeVeque 1983).
-    return mean, max(squares - rest * rest / len(members), 0.0), low, high

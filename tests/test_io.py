@@ -577,7 +577,7 @@ def test_stopping_midway_leaves_the_old_file(
             if fraction >= when:
                 raise exception(message)
 
-        with pytest.raises(exception, match="writ"):
+        with pytest.raises(exception, match="Writ"):
             write_mesh(random_mesh(), path, overwrite=True, progress=stop)
         assert path.read_text() == "mine"
         assert hidden(tmp_path) == []
@@ -605,8 +605,8 @@ def test_progress_runs_from_0_to_1(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write_mesh(random_mesh(), tmp_path / "mesh.gpkg", progress=lambda *step: told.append(step))
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
-    assert told[0] == (0.0, "writing triangles")
-    assert told[-1] == (1.0, "written")
+    assert told[0] == (0.0, "Writing triangles")
+    assert told[-1] == (1.0, "Written")
     assert len(told) > 10
 
 

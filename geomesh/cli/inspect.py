@@ -71,7 +71,7 @@ def _has_layers(path: str) -> bool:
     try:
         return len(pyogrio.list_layers(path)) > 0
     except DataSourceError:
-        return True  # let the reader of meshes say what is wrong
+        return not Path(path).exists()  # else it may hold a raster
 
 
 def _describe_mesh(path: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -87,7 +88,9 @@ def mesh(
     outcomes: list[dict[str, Any]] = []
     with guarded(console, debug) as failures:
         recipe = build_recipe(**recipe_options)
-        jobs = _plan(sources, output, driver)
+        planned = _plan(sources, output, driver)
+        _keep_inputs(planned, [*sources, mask, recipe_options["recipe_file"]])
+        jobs = planned
     for job in jobs:
         console.start("mesh", job.source)
         with guarded(console, debug) as problems, console.progress() as report:
@@ -135,7 +138,7 @@ def mesh(
 def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
     """Return the jobs; OUT is a folder if it ends like one, is one, or there are several SRC."""
     folder = Path(output)
-    if len(sources) == 1 and not output.endswith(("/", "\\")) and not folder.is_dir():
+    if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
         return [Job(sources[0], folder)]
     from geomesh.io.vector import find_format
 
@@ -164,20 +167,37 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
     ]
 
 
+def _keep_inputs(jobs: Sequence[Job], inputs: Sequence[str | None]) -> None:
+    """Refuse outputs that would take the place of something that is read."""
+    for job in jobs:
+        for path in inputs:
+            if path is not None and _same_file(path, job.output):
+                raise OutputError(f"{job.output} is {path}, which is read; choose another name")
+
+
+def _same_file(path: str, other: Path) -> bool:
+    try:
+        return other.samefile(path)
+    except OSError:  # one of them is not there
+        return False
+
+
 def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
     """Print which rasters were meshed and which failed."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     failed = sum("error" in outcome for outcome in outcomes)
     table = Table(title=f"{len(outcomes) - failed} meshed, {failed} failed", title_justify="left")
     for column in ("source", "nodes", "triangles", "outcome"):
         table.add_column(column, justify="right" if column in ("nodes", "triangles") else "left")
     for outcome in outcomes:
+        failed_here = "error" in outcome
         table.add_row(
-            outcome["source"],
-            f"{outcome['nodes']:,}" if "nodes" in outcome else "",
-            f"{outcome['triangles']:,}" if "triangles" in outcome else "",
-            f"[red]{outcome['error']}" if "error" in outcome else outcome["output"],
+            Text(outcome["source"]),
+            f"{outcome['nodes']:,}" if not failed_here else "",
+            f"{outcome['triangles']:,}" if not failed_here else "",
+            Text(outcome["error"], style="red") if failed_here else Text(outcome["output"]),
         )
     Console(stderr=True).print(table)

@@ -162,6 +162,8 @@ def build_recipe(
         try:
             document = json.loads(Path(recipe_file).read_text(encoding="utf-8"))
             recipe = Recipe.from_dict(document.get("recipe", document))
+        except RecipeError as error:
+            raise RecipeError(f"{recipe_file}: {error}") from error
         except (OSError, ValueError, AttributeError) as error:
             raise RecipeError(f"{recipe_file} is not a recipe in JSON ({error})") from error
     given = {name: value for name, value in values.items() if value is not None}

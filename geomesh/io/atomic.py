@@ -27,6 +27,11 @@ def check_place(target: Path, *, overwrite: bool) -> None:
         folder is missing or cannot be written to.
     """
     place = Path(os.path.realpath(target))
+    if "!" in str(place.parent):
+        raise OutputError(
+            f"{target} cannot be written: pyogrio takes what follows a '!' for a file in an "
+            "archive; choose a folder without it"
+        )
     try:
         if place.exists():
             _check_existing(target, place.stat().st_mode, overwrite=overwrite)

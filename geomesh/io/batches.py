@@ -128,15 +128,17 @@ class Feed:
 
     def batches(self, layer: Layer, geometry: str, *, bbox: str | None = None) -> Iterator[Any]:
         """Yield the record batches of a layer, made one at a time."""
-        for start in range(0, len(layer), BATCH_ROWS):
-            self.tell(f"writing {layer.name}")
-            try:
+        try:
+            for start in range(0, len(layer), BATCH_ROWS):
+                self.tell(f"Writing {layer.name}")
                 batch = layer.batch(slice(start, start + BATCH_ROWS), geometry, bbox=bbox)
-            except BaseException as error:
-                self.failure = error
-                raise
-            self._done += batch.num_rows
-            yield batch
+                self._done += batch.num_rows
+                yield batch
+        except GeneratorExit:
+            raise
+        except BaseException as error:
+            self.failure = error
+            raise
 
 
 def _attribute(values: NDArray[Any]) -> pa.Array:

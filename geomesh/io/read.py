@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -75,12 +75,21 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
     )
 
 
+def _plain(path: str | PathLike[str]) -> str:
+    """Return a name under which pyogrio opens just this file.
+
+    It gives "!" and ";" in a path a meaning of their own, save behind a driver's name.
+    """
+    name = fspath(path)
+    return f"GPKG:{name}" if set(name) & set("!;") else name
+
+
 def _find_layers(path: Path) -> set[str]:
     if not path.exists():
         raise MeshFileError(f"{path} does not exist")
     try:
-        layers = {str(name) for name, _ in pyogrio.list_layers(path)}
-        driver = pyogrio.read_info(path, layer=min(layers))["driver"] if layers else ""
+        layers = {str(name) for name, _ in pyogrio.list_layers(_plain(path))}
+        driver = pyogrio.read_info(_plain(path), layer=min(layers))["driver"] if layers else ""
     except (DataSourceError, DataLayerError) as error:
         raise MeshFileError(
             f"{path} cannot be read as a GeoPackage; name a .gpkg that geomesh wrote"
@@ -102,7 +111,7 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
         If the file is missing, or is not a GeoPackage of geomesh.
     """
     layer = min(_find_layers(Path(path)))
-    metadata = pyogrio.read_info(path, layer=layer)["layer_metadata"] or {}
+    metadata = pyogrio.read_info(_plain(path), layer=layer)["layer_metadata"] or {}
     try:
         document: dict[str, Any] = json.loads(metadata[KEY])
         version = document["mesh"]["format"]
@@ -143,7 +152,8 @@ def _read_columns(
 
 def _read_layer(path: Path, layer: str, names: list[str], rows: int) -> pa.Table:
     """Return the table of a layer in the order of ids."""
-    _, table = pyogrio.read_arrow(path, layer=layer, columns=["id", *names], read_geometry=False)
+    columns = ["id", *names]
+    _, table = pyogrio.read_arrow(_plain(path), layer=layer, columns=columns, read_geometry=False)
     missing = [name for name in ("id", *names) if name not in table.column_names]
     if missing:
         raise MeshFileError(

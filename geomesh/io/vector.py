@@ -185,7 +185,7 @@ def write_mesh(
             else:
                 _write_gdal(mesh, layer, temporary, feed, document, file_format)
         _verify(temporary, chosen, file_format)
-        feed.tell("written")
+        feed.tell("Written")
     return target
 
 

@@ -1,0 +1,1 @@
+"""geomesh against other ways to the same result: ``python -m benchmarks``."""

@@ -1,0 +1,99 @@
+"""What the contenders work on: made from a fixed seed, the same in every run."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from affine import Affine
+from numpy.typing import NDArray
+from pyproj import CRS
+
+from geomesh.certificate import DomainFacts
+from geomesh.columns import triangle_columns
+from geomesh.grid import Grid
+from geomesh.mesh import Mesh
+from geomesh.table import Table
+from geomesh.tiles import plan_tiles
+from geomesh.triangulate import constrained_delaunay
+from geomesh.zonal import Statistics, measure_tile, merge
+
+Floats = NDArray[np.float64]
+
+_EXTENT = 8192.0
+_SUBPIXELS = 256  # the pipeline's nodes lie on a grid of 2^-8 pixels
+
+
+def uniform(count: int) -> Floats:
+    """Return points of a uniform distribution, (count, 2)."""
+    return np.random.default_rng(1).uniform(0, _EXTENT, (count, 2))
+
+
+def clustered(count: int) -> Floats:
+    """Return points in heaps of about a thousand."""
+    rng = np.random.default_rng(2)
+    centres = rng.uniform(0, _EXTENT, (max(count // 1000, 1), 2))
+    return centres[rng.integers(len(centres), size=count)] + rng.normal(0, 8, (count, 2))
+
+
+def lattice(count: int) -> Floats:
+    """Return the largest square of whole numbers with at most `count` points."""
+    side = int(count**0.5)
+    return np.indices((side, side), dtype=np.float64).reshape(2, -1).T.copy()
+
+
+def framed(count: int, size: int) -> tuple[Floats, NDArray[np.int32]]:
+    """Return about `count` points in a square of `size` pixels, and its outline's segments."""
+    rng = np.random.default_rng(3)
+    steps = np.arange(0, size, max(round(size / count**0.5), 1), dtype=np.float64)
+    zero, full = np.zeros_like(steps), np.full_like(steps, size)
+    sides = [(steps, zero), (full, steps), (size - steps, full), (zero, size - steps)]
+    border = np.concatenate([np.column_stack(side) for side in sides])
+    cells = rng.integers(_SUBPIXELS, (size - 1) * _SUBPIXELS, (count - len(border), 2))
+    inner = np.unique(cells, axis=0) / _SUBPIXELS
+    loop = np.arange(len(border), dtype=np.int32)
+    segments = np.column_stack([loop, np.roll(loop, -1)])
+    return np.concatenate([border, rng.permutation(inner)]), segments
+
+
+@cache
+def image(size: int) -> NDArray[np.uint16]:
+    """Return three bands of hills and noise, (3, size, size)."""
+    rng = np.random.default_rng(4)
+    y, x = np.indices((size, size)) / 64
+    hills = [np.sin(x + band) * np.cos(y - band) for band in range(3)]
+    noise = rng.normal(0, 0.1, (3, size, size))
+    return (10_000 + 4_000 * (np.stack(hills) + noise)).astype(np.uint16)
+
+
+@cache
+def mesh(triangles: int, size: int) -> Mesh:
+    """Return a mesh of about `triangles` triangles over all of `image`, with its statistics."""
+    points, segments = framed(triangles // 2, size)
+    faces, _ = constrained_delaunay(points, segments)
+    faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # rows run down: the map is flipped
+    stats = statistics(points, faces, image(size))
+    pixels = size * size
+    return Mesh(
+        nodes=points,
+        triangles=faces,
+        grid=Grid(size, size, Affine(10, 0, 500_000, 0, -10, 7_000_000), CRS("EPSG:32723")),
+        domain=DomainFacts("image", float(pixels), 1, 0, pixels, pixels),
+        constraints=segments,
+        triangle_table=Table(triangle_columns(stats, ["b1", "b2", "b3"])),
+        metadata={"pixels": {"covered": pixels, "counted": int(stats.count.sum())}},
+    )
+
+
+def statistics(
+    points: Floats, triangles: NDArray[np.int32], bands: NDArray[np.uint16]
+) -> Statistics:
+    """Measure the triangles over the tile plan, as the pipeline does."""
+    grid = Grid(bands.shape[2], bands.shape[1])
+    valid = np.ones(bands.shape[1:], np.bool_)
+    partials = []
+    for tile in plan_tiles(grid.extent, halo=1):
+        rows, cols = tile.read.slices()
+        part = bands[:, rows, cols], valid[rows, cols], tile.read, tile.core
+        partials.append(measure_tile(points, triangles, *part))
+    return merge(partials, len(triangles), len(points), len(bands))

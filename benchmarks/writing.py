@@ -1,0 +1,82 @@
+"""Writing a GeoPackage: geomesh.io against GeoDataFrame.to_file."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pyogrio
+
+from benchmarks import inputs
+from benchmarks.timing import Row, alternate
+from geomesh.io.batches import Feed, Layer
+from geomesh.io.vector import GPKG, _write_gdal, write_mesh
+from geomesh.mesh import LayerName
+
+EXPECTED = 1.5
+LAYER: LayerName = "triangles"
+
+
+def run(*, quick: bool) -> Iterator[Row]:
+    mesh = inputs.mesh(20_000, 512) if quick else inputs.mesh(200_000, 2048)
+    rounds = 3 if quick else 5
+    case = f"GPKG of {len(mesh.triangles):,} triangles"
+    with TemporaryDirectory() as folder:
+        one, other = Path(folder, "geomesh.gpkg"), Path(folder, "geopandas.gpkg")
+
+        # A new mesh each time: what it derives, it keeps.
+        def whole() -> None:
+            one.unlink(missing_ok=True)
+            write_mesh(replace(mesh), one, layers=[LAYER])
+
+        def whole_peer() -> None:
+            other.unlink(missing_ok=True)
+            replace(mesh).to_geodataframe().to_file(other, driver="GPKG", layer=LAYER)
+
+        (ours, theirs), _ = alternate(rounds, whole, whole_peer)
+        agree, evidence = _compare(one, other)
+        expected = None if quick else EXPECTED
+        peer = "to_geodataframe() + to_file (no certificate, count or sync)"
+        yield Row(f"{case}, whole", peer, ours, theirs, expected, agree, evidence)
+
+        layer, frame = Layer.of(mesh, LAYER), mesh.to_geodataframe()
+
+        def step() -> None:
+            one.unlink(missing_ok=True)
+            _write_gdal(mesh, layer, one, Feed(len(layer), None), "{}", GPKG)
+
+        def step_peer() -> None:
+            other.unlink(missing_ok=True)
+            frame.to_file(other, driver="GPKG", layer=LAYER)
+
+        (ours, theirs), _ = alternate(rounds, step, step_peer)
+        agree, evidence = _compare(one, other)
+        yield Row(f"{case}, write alone", "to_file", ours, theirs, None, agree, evidence)
+
+
+def _compare(one: Path, other: Path) -> tuple[bool, str]:
+    (meta, _, shapes, fields), (peer_meta, _, peer_shapes, peer_fields) = (
+        pyogrio.raw.read(path, layer=LAYER) for path in (one, other)
+    )
+    same = (
+        list(meta["fields"]) == list(peer_meta["fields"])
+        and np.array_equal(shapes, peer_shapes)
+        and all(map(np.array_equal, fields, peer_fields))
+        and _indexed_rows(one) == _indexed_rows(other) == len(shapes)
+    )
+    return same, f"{len(shapes):,} rows, {len(fields)} columns, geometry, index"
+
+
+def _indexed_rows(path: Path) -> int:
+    with closing(sqlite3.connect(path)) as database:
+        (column,) = database.execute(
+            "SELECT column_name FROM gpkg_geometry_columns WHERE table_name = ?", (LAYER,)
+        ).fetchone()
+        # The R-tree's own table of rows: readable without the R-tree module.
+        query = f'SELECT count(*) FROM "rtree_{LAYER}_{column}_rowid"'
+        return int(database.execute(query).fetchone()[0])

@@ -1,0 +1,148 @@
+"""The compiled loops of `geomesh.zonal`: over the pixels of triangles, over partial results."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.grid import Points
+from geomesh.jit import kernel
+from geomesh.scan import Corners, column_range, row_range, sort_corners
+from geomesh.topology import Triangles
+
+Floats = NDArray[np.float64]
+Ids = NDArray[np.int32]
+Counts = NDArray[np.int64]
+
+
+@kernel
+def scan_triangles(
+    nodes: Points,
+    triangles: Triangles,
+    chosen: Ids,
+    values: NDArray[Any],
+    valid: NDArray[np.bool_],
+    origin: tuple[int, int],
+    box: tuple[int, int, int, int],
+    pixels: Counts,
+    count: Counts,
+    moments: Floats,
+) -> None:
+    """Fill `pixels`, `count` (K,) and `moments` (4, B, K): mean, m2, low, high.
+
+    `values` (B, h * w) and `valid` (h, w) begin at the pixel `origin` (row, col);
+    only those in `box` (first and stop row, first and stop column) are counted.
+    """
+    members = np.empty((box[1] - box[0]) * (box[3] - box[2]), np.int32)
+    for k in range(len(chosen)):
+        a, b, c = triangles[chosen[k]]
+        corners = sort_corners(
+            nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
+        )
+        pixels[k], count[k] = _collect(corners, valid, origin, box, members)
+        if count[k] > 0:
+            for band in range(len(values)):
+                mean, m2, low, high = _moments(values[band], members[: count[k]])
+                moments[0, band, k], moments[1, band, k] = mean, m2
+                moments[2, band, k], moments[3, band, k] = low, high
+
+
+@kernel
+def _collect(
+    corners: Corners,
+    valid: NDArray[np.bool_],
+    origin: tuple[int, int],
+    box: tuple[int, int, int, int],
+    members: NDArray[np.int32],
+) -> tuple[int, int]:
+    """List the flat positions of a triangle's valid pixels; return (owned, valid) pixels."""
+    owned, found = 0, 0
+    top, bottom = row_range(corners, box[0], box[1])
+    for row in range(top, bottom):
+        first, last = column_range(corners, row, box[2], box[3])
+        owned += max(last - first, 0)
+        r, shift = row - origin[0], (row - origin[0]) * valid.shape[1] - origin[1]
+        for col in range(first, last):
+            # Written in any case, kept if valid: a branch would cost more.
+            members[found] = shift + col
+            found += valid[r, col - origin[1]]
+    return owned, found
+
+
+@kernel
+def _moments(values: NDArray[Any], members: NDArray[np.int32]) -> tuple[float, float, float, float]:
+    """Mean, sum of squared deviations, least and greatest of ``values[members]``.
+
+    Sums are taken relative to the first value: it is one of those measured, so the
+    correction subtracted at the end is of the order of the sum itself. For whole
+    numbers of up to 16 bits every sum is exact.
+    """
+    start = float(values[members[0]])
+    total, squares, low, high = 0.0, 0.0, start, start
+    for member in members:
+        value = float(values[member])
+        difference = value - start
+        total += difference
+        squares += difference * difference
+        low, high = min(low, value), max(high, value)
+    shift = total / len(members)
+    return start + shift, max(squares - total * shift, 0.0), low, high
+
+
+@kernel
+def add(
+    index: Ids,
+    part_pixels: Counts,
+    part_count: Counts,
+    part_moments: Floats,
+    pixels: Counts,
+    count: Counts,
+    moments: Floats,
+) -> None:
+    """Add what one tile found, (K,) and (4, B, K), to the whole, (T,) and (4, B, T)."""
+    for k in range(len(index)):
+        t = index[k]
+        pixels[t] += part_pixels[k]
+        before = count[t]
+        count[t] += part_count[k]
+        if part_count[k] == 0:
+            continue
+        share = part_count[k] / count[t]
+        for band in range(moments.shape[1]):
+            mean, m2, low, high = part_moments[:, band, k]
+            delta = mean - moments[0, band, t]
+            moments[0, band, t] += delta * share
+            moments[1, band, t] += m2 + delta * (before * share) * delta
+            moments[2, band, t] = min(moments[2, band, t], low)
+            moments[3, band, t] = max(moments[3, band, t], high)
+
+
+@kernel
+def blend(
+    points: Points,
+    bands: NDArray[Any],
+    valid: NDArray[np.bool_],
+    origin: tuple[int, int],
+    values: Floats,
+) -> None:
+    """Fill `values` (B, P): bilinear between the four pixel centres around each point.
+
+    The weights of pixels that are not valid, or beyond the image, go to the others.
+    """
+    height, width = valid.shape
+    for p in range(len(points)):
+        x, y = points[p, 0] - 0.5 - origin[1], points[p, 1] - 0.5 - origin[0]
+        left, top = math.floor(x), math.floor(y)
+        total = 0.0
+        values[:, p] = 0.0
+        for row in (top, top + 1):
+            for col in (left, left + 1):
+                if 0 <= row < height and 0 <= col < width and valid[row, col]:
+                    weight = (1 - abs(x - col)) * (1 - abs(y - row))
+                    total += weight
+                    for band in range(len(bands)):
+                        values[band, p] += weight * bands[band, row, col]
+        values[:, p] /= total if total > 0 else np.nan
