@@ -120,6 +120,12 @@ def certify(
     covered_pixels, counted_pixels : int, optional
         Pixel centres, and valid ones, inside the triangles, as found by the statistics.
     """
+    known = (triangles >= 0) & (triangles < len(nodes))
+    if not known.all():
+        missing = int(np.count_nonzero(~known))
+        return Certificate(
+            (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
+        )
     edges = build_edges(triangles)
     areas = _signed_areas(nodes[triangles]) * (1 if counter_clockwise else -1)
     checks = [
@@ -278,10 +284,12 @@ def _min_angle(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> flo
     if len(triangles) == 0:
         return float("nan")
     corners = points[triangles]
-    least = np.inf
+    # The smallest angle has the largest cotangent: one arc tangent is enough.
+    largest = -np.inf
     for k in range(3):
         u = corners[:, (k + 1) % 3] - corners[:, k]
         v = corners[:, (k + 2) % 3] - corners[:, k]
         cross = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-        least = min(least, float(np.arctan2(cross, (u * v).sum(axis=1)).min()))
-    return float(np.degrees(least))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            largest = max(largest, float(((u * v).sum(axis=1) / cross).max()))
+    return math.degrees(math.atan2(1.0, largest))

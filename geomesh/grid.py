@@ -91,6 +91,8 @@ class Grid:
     crs: CRS | None = None
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.width, int) and isinstance(self.height, int)):
+            raise TypeError(f"width {self.width!r} and height {self.height!r} must be int")
         if self.width < 1 or self.height < 1:
             raise GeoreferenceError(f"a grid of {self.width} x {self.height} pixels has no area")
         if not all(math.isfinite(value) for value in self.transform[:6]):
@@ -207,8 +209,13 @@ def _ellipsoidal_areas(
     arc and the equator has a closed form (Karney 2013, section 6), and the three
     sides add up.
     """
+    # A side of 180 degrees or more would be taken the shorter way around: cut it.
+    side = np.roll(corners, -1, axis=1) - corners
+    pieces = max(math.ceil(float(np.abs(side[..., 0]).max(initial=0)) / (math.pi / 2)), 1)
+    shares = np.arange(pieces)[:, None] / pieces
+    ring = (corners[:, :, None] + side[:, :, None] * shares).reshape(len(corners), -1, 2)
     limit = math.pi / 2
-    sine = np.sin(np.clip(corners[..., 1], -limit, limit))
+    sine = np.sin(np.clip(ring[..., 1], -limit, limit))
     eccentricity = math.sqrt(max(1 - (semi_minor / semi_major) ** 2, 0.0))
     if eccentricity > 0:
         pole = float(_authalic_q(np.ones(1), eccentricity)[0])
@@ -217,11 +224,9 @@ def _ellipsoidal_areas(
         pole = 2.0
     radius_squared = semi_major**2 * pole / 2
     half_tangent = np.tan(np.arcsin(sine) / 2)
-    excess = np.zeros(len(corners))
-    for start, stop in ((0, 1), (1, 2), (2, 0)):
-        t0, t1 = half_tangent[:, start], half_tangent[:, stop]
-        turn = np.tan((corners[:, stop, 0] - corners[:, start, 0]) / 2)
-        excess += 2 * np.arctan2(turn * (t0 + t1), 1 + t0 * t1)
+    t0, t1 = half_tangent, np.roll(half_tangent, -1, axis=1)
+    turn = np.tan((np.roll(ring[..., 0], -1, axis=1) - ring[..., 0]) / 2)
+    excess = 2 * np.arctan2(turn * (t0 + t1), 1 + t0 * t1).sum(axis=1)
     return np.abs(excess) * radius_squared
 
 

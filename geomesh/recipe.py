@@ -22,6 +22,7 @@ LOCAL_OCTAVE = 2
 # An edge farther away than the halo of a tile could not be seen from it.
 FARTHEST_EDGE = 32
 LARGEST_RESIZE = 32_767
+_LARGEST_NUMBER = 1e300
 
 Rule = tuple[Callable[[Any], bool], str]
 STATISTICS = ("mean", "std", "min", "max")
@@ -112,10 +113,8 @@ class Recipe:
     statistics: tuple[str, ...] = STATISTICS
 
     def __post_init__(self) -> None:
-        for name in ("stretch", "resize", "statistics"):
-            value = getattr(self, name)
-            if isinstance(value, list):
-                object.__setattr__(self, name, tuple(value))
+        for field in fields(self):
+            object.__setattr__(self, field.name, _plain(getattr(self, field.name)))
         for name, (holds, expected) in _RULES.items():
             value = getattr(self, name)
             if not holds(value):
@@ -189,13 +188,24 @@ class Recipe:
         return PRESETS[name]
 
 
+def _plain(value: Any) -> Any:
+    """Return a list as a tuple, and numpy's numbers as Python's: JSON knows no others."""
+    if isinstance(value, list | tuple):
+        return tuple(map(_plain, value))
+    return value.item() if hasattr(value, "item") else value
+
+
 def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise RecipeError(f"{name} is {value!r}: choose from {', '.join(choices)}")
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) < _LARGEST_NUMBER
+    )
 
 
 def _is_whole(value: Any) -> bool:

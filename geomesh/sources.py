@@ -47,7 +47,8 @@ def open_scene(
     nodata : float, optional
         Takes the place of the file's own nodata value.
     bounds : (west, south, east, north), optional
-        Box in map coordinates to crop to.
+        Box in map coordinates to crop to. Rows and columns that it touches are kept
+        whole; on a turned grid, pixels with their centre in it.
     mask : path, GeoDataFrame or GeoSeries, optional
         Area of interest: polygons, reprojected to the raster's CRS if need be.
 

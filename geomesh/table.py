@@ -59,6 +59,10 @@ class Table(Mapping[str, NDArray[Any]]):
         # Copies and pickles are built anew, so that their arrays are read-only too.
         return Table, (dict(self.columns), self.length)
 
+    # Tables are compared by identity: equal arrays would make no single truth value.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.columns[name]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,28 +85,49 @@ def _engine(points: NDArray[np.float64]) -> tuple[Any, NDArray[np.int32]]:
         pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
         0.0,
     )
-    order = _along_curve(points)
-    # Small numbers keep the most precision for the predicates.
-    engine.insert_vertices(points[order] - np.floor(points.min(axis=0)))
+    order, moved = _along_curve(points)
+    engine.insert_vertices(moved)
     return engine, order
 
 
-def _along_curve(points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Order of the points along a Z-order curve: neighbours on the plane lie close in memory."""
-    low = points.min(axis=0)
-    extent = max(float((points.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
-    key = np.zeros(len(points), np.uint32)
-    for axis in (0, 1):
-        bits = ((points[:, axis] - low[axis]) * (65535 / extent)).astype(np.uint32)
-        for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-            bits = (bits | (bits << np.uint32(shift))) & np.uint32(mask)
-        key |= bits << np.uint32(axis)
-    return np.argsort(key, kind="stable").astype(np.int32)
+@kernel
+def _along_curve(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Order of the points along a Z-order curve through 256 x 256 cells, and the points in it.
+
+    Neighbours on the plane then lie close in memory. The points are moved to near
+    the origin: small numbers keep the most precision for the predicates.
+    """
+    count = len(points)
+    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
+    for p in range(count):
+        low_x, high_x = min(low_x, points[p, 0]), max(high_x, points[p, 0])
+        low_y, high_y = min(low_y, points[p, 1]), max(high_y, points[p, 1])
+    scale = 255.5 / max(high_x - low_x, high_y - low_y, 1e-300)
+    keys = np.empty(count, np.uint16)
+    starts = np.zeros(65_537, np.int64)
+    for p in range(count):
+        col, row = int((points[p, 0] - low_x) * scale), int((points[p, 1] - low_y) * scale)
+        key = 0
+        for bit in range(8):
+            key |= ((col >> bit) & 1) << (2 * bit) | ((row >> bit) & 1) << (2 * bit + 1)
+        keys[p] = key
+        starts[key + 1] += 1
+    for key in range(65_536):
+        starts[key + 1] += starts[key]
+    order = np.empty(count, np.int32)
+    moved = np.empty((count, 2))
+    left, bottom = math.floor(low_x), math.floor(low_y)
+    for p in range(count):
+        place = starts[keys[p]]
+        starts[keys[p]] += 1
+        order[place] = p
+        moved[place, 0], moved[place, 1] = points[p, 0] - left, points[p, 1] - bottom
+    return order, moved
 
 
 def _finish(engine: Any, order: NDArray[np.int32], auxiliary: int) -> Triangulation:
     """Return the engine's triangles in canonical form, less those on its own vertices."""
-    raw = engine.triangles_array()["vertices"]
+    raw = engine.triangles_array(copy=False)["vertices"]
     triangles = np.empty((len(raw), 3), np.int32)
     used = np.zeros(len(order), np.bool_)
     count = _canonical(raw, auxiliary, order, triangles, used)
@@ -126,35 +148,41 @@ def _canonical(
     have the same second one.
     """
     starts = np.zeros(len(order) + 1, np.int64)
+    turned = np.empty_like(triangles)
+    count = 0
     for t in range(len(raw)):
-        a, b, c = raw[t]
+        a, b, c = raw[t, 0], raw[t, 1], raw[t, 2]
         if min(a, b, c) >= auxiliary:
             a, b, c = order[a - auxiliary], order[b - auxiliary], order[c - auxiliary]
             used[a] = used[b] = used[c] = True
-            starts[min(a, b, c) + 1] += 1
-    for k in range(len(order)):
-        starts[k + 1] += starts[k]
-    stops = starts[:-1].copy()
-    for t in range(len(raw)):
-        a, b, c = raw[t]
-        if min(a, b, c) >= auxiliary:
-            a, b, c = order[a - auxiliary], order[b - auxiliary], order[c - auxiliary]
             if b < a and b < c:
                 a, b, c = b, c, a
             elif c < a and c < b:
                 a, b, c = c, a, b
-            k = stops[a]
-            stops[a] += 1
-            while k > starts[a] and triangles[k - 1, 1] > b:
-                triangles[k] = triangles[k - 1]
-                k -= 1
-            triangles[k, 0], triangles[k, 1], triangles[k, 2] = a, b, c
-    return int(starts[len(order)])
+            turned[count, 0], turned[count, 1], turned[count, 2] = a, b, c
+            starts[a + 1] += 1
+            count += 1
+    for k in range(len(order)):
+        starts[k + 1] += starts[k]
+    stops = starts[:-1].copy()
+    for t in range(count):
+        a, b, c = turned[t, 0], turned[t, 1], turned[t, 2]
+        k = stops[a]
+        stops[a] += 1
+        while k > starts[a] and triangles[k - 1, 1] > b:
+            for corner in range(3):
+                triangles[k, corner] = triangles[k - 1, corner]
+            k -= 1
+        triangles[k, 0], triangles[k, 1], triangles[k, 2] = a, b, c
+    return count
 
 
 def _spans_area(points: NDArray[np.float64]) -> bool:
-    if len(points) < 3:
-        return False
-    offsets = points - points[0]
-    far = offsets[np.abs(offsets).sum(axis=1).argmax()]
-    return bool((offsets[:, 0] * far[1] != offsets[:, 1] * far[0]).any())
+    """Tell whether three of the points (N, 2) make a triangle; a few of them mostly do."""
+    for some in (points[:100], points):
+        offsets = some - points[:1]
+        if len(some) > 2:
+            far = offsets[np.abs(offsets).sum(axis=1).argmax()]
+            if (offsets[:, 0] * far[1] != offsets[:, 1] * far[0]).any():
+                return True
+    return False
