@@ -213,7 +213,7 @@ def _ellipsoidal_areas(
     side = np.roll(corners, -1, axis=1) - corners
     pieces = max(math.ceil(float(np.abs(side[..., 0]).max(initial=0)) / (math.pi / 2)), 1)
     shares = np.arange(pieces)[:, None] / pieces
-    ring = (corners[:, :, None] + side[:, :, None] * shares).reshape(len(corners), -1, 2)
+    ring = (corners[:, :, None] + side[:, :, None] * shares).reshape(len(corners), 3 * pieces, 2)
     limit = math.pi / 2
     sine = np.sin(np.clip(ring[..., 1], -limit, limit))
     eccentricity = math.sqrt(max(1 - (semi_minor / semi_major) ** 2, 0.0))
@@ -227,7 +227,8 @@ def _ellipsoidal_areas(
     t0, t1 = half_tangent, np.roll(half_tangent, -1, axis=1)
     turn = np.tan((np.roll(ring[..., 0], -1, axis=1) - ring[..., 0]) / 2)
     excess = 2 * np.arctan2(turn * (t0 + t1), 1 + t0 * t1).sum(axis=1)
-    return np.abs(excess) * radius_squared
+    areas: NDArray[np.float64] = np.abs(excess) * radius_squared
+    return areas
 
 
 def _authalic_q(sine: NDArray[np.float64], e: float) -> NDArray[np.float64]:

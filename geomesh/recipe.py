@@ -24,6 +24,9 @@ FARTHEST_EDGE = 32
 LARGEST_RESIZE = 32_767
 _LARGEST_NUMBER = 1e300
 
+# Parameters that JSON gives as lists.
+_TUPLES = ("stretch", "resize", "statistics")
+
 Rule = tuple[Callable[[Any], bool], str]
 STATISTICS = ("mean", "std", "min", "max")
 
@@ -114,7 +117,10 @@ class Recipe:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            object.__setattr__(self, field.name, _plain(getattr(self, field.name)))
+            value = getattr(self, field.name)
+            if isinstance(value, list) and field.name in _TUPLES:
+                value = tuple(map(_plain, value))
+            object.__setattr__(self, field.name, _plain(value))
         for name, (holds, expected) in _RULES.items():
             value = getattr(self, name)
             if not holds(value):
@@ -189,9 +195,7 @@ class Recipe:
 
 
 def _plain(value: Any) -> Any:
-    """Return a list as a tuple, and numpy's numbers as Python's: JSON knows no others."""
-    if isinstance(value, list | tuple):
-        return tuple(map(_plain, value))
+    """Return numpy's numbers as Python's: JSON knows no others."""
     return value.item() if hasattr(value, "item") else value
 
 
@@ -201,11 +205,8 @@ def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and abs(value) < _LARGEST_NUMBER
-    )
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) < _LARGEST_NUMBER
 
 
 def _is_whole(value: Any) -> bool:
