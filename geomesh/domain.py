@@ -19,6 +19,10 @@ from geomesh.outline import Outline
 # than snapping its nodes to the lattice can move it.
 _CLEARANCE = 1 / 128
 
+# Along an exactly diagonal border one sees to its end; that far is far enough, and
+# keeps the time proportional to the length of the outline.
+_FARTHEST_VIEW = 2000
+
 
 def simplify(outline: Outline, extent: Window) -> list[NDArray[np.float64]]:
     """Return the loops with the fewest corners that keep every pixel centre on its side.
@@ -114,7 +118,7 @@ def _fewest_lines(
             continue
         bounded = False
         low_x, low_y, high_x, high_y = 0.0, 0.0, 0.0, 0.0
-        for k in range(here + 1, count + 1):
+        for k in range(here + 1, min(here + _FARTHEST_VIEW, count) + 1):
             i = k % count
             x, y = xy[i, 0] - xy[here, 0], xy[i, 1] - xy[here, 1]
             seen = x * high_y - y * high_x > 0 and x * low_y - y * low_x < 0

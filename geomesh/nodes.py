@@ -15,7 +15,7 @@ from geomesh.certificate import DomainFacts
 from geomesh.detect import SEAM, Detection
 from geomesh.errors import GeomeshWarning
 from geomesh.grid import Grid
-from geomesh.keypoints import Keypoints, by_strength, snap, spread_evenly, thin
+from geomesh.keypoints import Keypoints, snap, spread_evenly, thin
 from geomesh.outline import drop_small_loops, trace
 from geomesh.recipe import Recipe
 from geomesh.table import Table
@@ -87,9 +87,11 @@ def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
     keypoints = detection.keypoints
     if recipe.resize is None:
         keypoints = keypoints.moved(snap(keypoints.xy))
-        # The least spacing also merges what two tiles found on their common border.
-        return thin(keypoints, max(recipe.min_spacing, SEAM))
-    keypoints = by_strength(thin(keypoints, recipe.min_spacing))
+    # Two tiles may both have found a keypoint on their common border.
+    spacing = max(recipe.min_spacing, SEAM) if recipe.is_local else recipe.min_spacing
+    keypoints = thin(keypoints, spacing)
+    if recipe.resize is None:
+        return keypoints
     width, height = detection.size
     return keypoints.moved(keypoints.xy * (grid.width / width, grid.height / height))
 

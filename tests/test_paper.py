@@ -10,6 +10,8 @@ from scipy.spatial import Delaunay
 import geomesh
 from geomesh.quality import ki
 
+pytestmark = pytest.mark.filterwarnings("ignore:the array has no CRS")
+
 RGB_8BIT = [
     "olinda_landsat7_rgb_uint8.tif",  # 349 x 352
     "olinda_landsat7_rgb_rotated_gt.tif",  # 240 x 240: enlarged
