@@ -117,9 +117,7 @@ def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, Do
     if recipe.domain == "image":
         return _frame(grid, valid_pixels)
     outline = trace(detection.survey.turns)
-    # What is all smaller than a hole may be is kept, or nothing would be left.
-    least = min(recipe.min_hole, int(outline.areas().max()))
-    outline, islands, holes = drop_small_loops(outline, least)
+    outline, islands, holes = drop_small_loops(outline, recipe.min_hole)
     if islands or holes:
         _warn(
             f"{islands} islands of data and {holes} holes of nodata smaller than "

@@ -174,7 +174,8 @@ def _follow(
 def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, int, int]:
     """Return the outline without loops of fewer than `min_hole` pixels.
 
-    A loop inside a dropped one is smaller still, so it goes as well.
+    A loop inside a dropped one is smaller still, so it goes as well. Where all are
+    smaller the largest stays, or nothing would be left.
 
     Returns
     -------
@@ -182,6 +183,8 @@ def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, int, int
     """
     areas = outline.areas()
     kept = np.abs(areas) >= min_hole
+    if len(areas) and not kept.any():
+        kept[areas.argmax()] = True
     sizes = np.diff(outline.starts)
     rows = np.repeat(kept, sizes)
     starts = np.concatenate([[0], np.cumsum(sizes[kept])])

@@ -156,6 +156,8 @@ def test_small_islands_and_holes_go_with_what_is_in_them():
     outline, _ = outline_of(mask)
     kept, islands, holes = drop_small_loops(outline, 64)
     assert (len(kept.areas()), islands, holes) == (1, 2, 1)
+    kept, islands, holes = drop_small_loops(outline, 10_000)
+    np.testing.assert_array_equal(kept.areas(), [50 * 50])
     kept, islands, holes = drop_small_loops(outline, 5)
     assert (len(kept.areas()), islands, holes) == (3, 1, 0)
 
