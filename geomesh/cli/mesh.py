@@ -68,11 +68,8 @@ def mesh(
     overwrite: bool,
     progress: str | None,
     as_json: bool,
-    bidx: list[int] | None,
-    nodata: float | None,
-    bounds: tuple[float, float, float, float] | None,
-    mask: str | None,
-    **recipe_options: Any,
+    reading: dict[str, Any],
+    recipe_options: dict[str, Any],
 ) -> None:
     """Turn each raster SRC into a triangle mesh.
 
@@ -89,7 +86,7 @@ def mesh(
     with guarded(console, debug) as failures:
         recipe = build_recipe(**recipe_options)
         planned = _plan(sources, output, driver)
-        _keep_inputs(planned, [*sources, mask, recipe_options["recipe_file"]])
+        _keep_inputs(planned, [*sources, reading["mask"], recipe_options["recipe_file"]])
         jobs = planned
     for job in jobs:
         console.start("mesh", job.source)
@@ -102,11 +99,8 @@ def mesh(
             made = mesh_raster(
                 job.source,
                 recipe=recipe,
-                bidx=bidx,
-                nodata=nodata,
-                bounds=bounds,
-                mask=mask,
                 progress=part_of(report, 0, 0.9),
+                **reading,
             )
             write_mesh(
                 made,

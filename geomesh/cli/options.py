@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +14,9 @@ from geomesh.errors import RecipeError
 from geomesh.recipe import DOMAINS, PRESETS, Recipe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+_READING = ("bidx", "nodata", "bounds", "mask")
+_RECIPE = ("preset", "recipe_file", "nodes", "gray", "domain", "statistics", "settings")
 
 
 def _numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
@@ -60,8 +64,23 @@ def _settings(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
     return settings
 
 
-def raster_options(command: Command) -> Command:
-    """Add the options that say what to read and how to make a mesh of it."""
+def raster_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that say what to read and how to make a mesh of it.
+
+    The command gets them as `reading`, keywords of `geomesh.sources.open_scene`, and
+    `recipe_options`, keywords of `build_recipe`.
+    """
+
+    @wraps(command)
+    def gathered(*arguments: Any, **options: Any) -> None:
+        reading = {name: options.pop(name) for name in _READING}
+        recipe_options = {name: options.pop(name) for name in _RECIPE if name in options}
+        command(*arguments, reading=reading, recipe_options=recipe_options, **options)
+
+    return _decorated(gathered)
+
+
+def _decorated(command: Callable[..., None]) -> Callable[..., None]:
     for option in reversed(
         (
             click.option(

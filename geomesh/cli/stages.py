@@ -27,11 +27,8 @@ def stages(
     overwrite: bool,
     progress: str | None,
     as_json: bool,
-    bidx: list[int] | None,
-    nodata: float | None,
-    bounds: tuple[float, float, float, float] | None,
-    mask: str | None,
-    **recipe_options: Any,
+    reading: dict[str, Any],
+    recipe_options: dict[str, Any],
 ) -> None:
     """Draw the stages of the pipeline on SRC: gray, Canny edges, keypoints, mesh.
 
@@ -51,7 +48,7 @@ def stages(
 
         recipe = build_recipe(**recipe_options)
         check_picture(output, overwrite=overwrite)
-        scene = open_scene(source, bidx=bidx, nodata=nodata, bounds=bounds, mask=mask)
+        scene = open_scene(source, **reading)
         for note in scene.notes:
             console.warn(note)
         found = run_stages(scene, recipe, report)
