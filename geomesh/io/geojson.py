@@ -23,6 +23,7 @@ from geomesh.errors import GeoreferenceError
 from geomesh.grid import Points
 from geomesh.io.batches import Layer, binary, wkb
 from geomesh.mesh import LayerName, Mesh
+from geomesh.table import Table
 from geomesh.topology import Triangles
 
 LONLAT = "OGC:CRS84"
@@ -30,6 +31,9 @@ LONLAT = "OGC:CRS84"
 # RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre; float64 holds
 # 13 of a longitude.
 _DECIMALS = (7, 9, 11, 13)
+
+# Of attributes; as many as float32 has.
+_DIGITS = 7
 
 # An edge that seems to turn by more degrees than this is followed in so many steps,
 # to tell which way around the Earth it goes.
@@ -84,7 +88,7 @@ class LonLatLayer(Layer):
             lonlat[:, 0] += _whole_turns(mesh.map_nodes[:, 0] * degrees - lonlat[:, 0])
         return cls(
             name,
-            layer.columns,
+            Table({name: _shortened(values) for name, values in layer.columns.items()}),
             lonlat,
             layer.vertices,
             layer.geometry_type,
@@ -138,6 +142,18 @@ class LonLatLayer(Layer):
         short = turn - _whole_turns(turn)
         followed: NDArray[np.float64] = np.where(np.isfinite(total), total, short)
         return followed
+
+
+def _shortened(values: NDArray[Any]) -> NDArray[Any]:
+    """Return float values to `_DIGITS` significant digits, which is half as much to load."""
+    if values.dtype.kind != "f":
+        return values
+    sizes = np.abs(values, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = _DIGITS - 1 - np.floor(np.log10(sizes))
+    scale = 10.0 ** np.clip(np.where(np.isfinite(places), places, 0), -300, 300)
+    rounded: NDArray[np.float64] = np.rint(values * scale) / scale
+    return rounded
 
 
 def enough_decimals(lonlat: Points, triangles: Triangles) -> int:
