@@ -18,7 +18,7 @@ help:
 
 $(BIN)/.installed: pyproject.toml constraints.txt
 	@echo "Building $(VENV) (a minute or two, once) ..."
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "geomesh needs Python 3.11 or newer: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --upgrade pip
@@ -34,7 +34,7 @@ demo: $(BIN)/.installed
 	@mkdir -p out
 	$(BIN)/geomesh mesh $(SAMPLE) -o out/olinda.gpkg --overwrite --progress bar
 	$(BIN)/geomesh stages $(SAMPLE) -o out/olinda_stages.png --overwrite
-	$(BIN)/python -c "import geomesh; \
+	@$(BIN)/python -c "import geomesh; \
 		geomesh.read_mesh('out/olinda.gpkg').plot(path='out/olinda_mesh.png')"
 	@echo
 	@echo "Made from $(SAMPLE):"

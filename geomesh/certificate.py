@@ -69,6 +69,10 @@ class Certificate:
     checks: tuple[Check, ...]
     min_angle: float
 
+    def __repr__(self) -> str:
+        held = sum(check.passed for check in self.checks)
+        return f"<Certificate: {held} of {len(self.checks)} checks hold>"
+
     @property
     def passed(self) -> bool:
         """Whether every check holds."""

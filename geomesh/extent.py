@@ -31,11 +31,13 @@ def restrict(
     area: BaseGeometry | None = None
     window = scene.grid.extent
     if bounds is not None:
+        if len(bounds) != 4:
+            raise GeoreferenceError(f"bounds {bounds!r}: expected west, south, east, north")
         west, south, east, north = bounds
         if not (-math.inf < west < east < math.inf and -math.inf < south < north < math.inf):
             raise GeoreferenceError(
-                f"bounds {west:g} {south:g} {east:g} {north:g}: expected west < east and "
-                "south < north, in the raster's CRS"
+                f"bounds {west:.10g} {south:.10g} {east:.10g} {north:.10g}: expected west < east "
+                "and south < north, in the raster's CRS"
             )
         box = shapely.box(west, south, east, north)
         window = _around(scene, box, window, "--bounds")
@@ -56,7 +58,7 @@ def _around(scene: Scene, area: BaseGeometry, window: Window, option: str) -> Wi
     col, row = math.floor(left), math.floor(top)
     found = Window(col, row, math.ceil(right) - col, math.ceil(bottom) - row).clip(window)
     if found.width < 1 or found.height < 1:
-        edges = " ".join(f"{value:g}" for value in scene.grid.bounds())
+        edges = " ".join(f"{value:.10g}" for value in scene.grid.bounds())
         raise EmptyError(
             f"{option} lies outside {scene.name}, whose bounds are {edges} in "
             f"{scene.grid.crs.to_string() if scene.grid.crs else 'pixels'}"
@@ -93,7 +95,9 @@ def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
         try:
             mask = pyogrio.read_dataframe(mask, columns=[])
         except DataSourceError as error:
-            raise SourceError(f"{name} cannot be read as a vector file ({error})") from error
+            raise SourceError(
+                f"{name} cannot be read as a vector file; give polygons in a file such as .gpkg"
+            ) from error
     if isinstance(mask, gpd.GeoDataFrame | gpd.GeoSeries):
         return gpd.GeoSeries(mask.geometry)
     raise SourceError(f"{name} has no geometry; give a file, GeoDataFrame or GeoSeries of polygons")

@@ -35,6 +35,7 @@ PICTURES = (".png", ".pdf", ".svg", ".jpg")
 _NODE_COLOR = "#ffd200"
 _EDGE_COLOR = "#ffffff"
 _INK = "#222222"
+_PAPER = "#e4e4e4"
 
 
 @dataclass(frozen=True)
@@ -133,9 +134,9 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
 
 def plot_mesh(
     mesh: Mesh,
+    column: str = "color",
     *,
     ax: Axes | None = None,
-    column: str = "color",
     cmap: str = "viridis",
     edgecolor: str | None = None,
     path: str | PathLike[str] | None = None,
@@ -145,11 +146,11 @@ def plot_mesh(
     Parameters
     ----------
     mesh : Mesh
-    ax : matplotlib Axes, optional
-        Where to draw; a new figure by default.
     column : str
         What fills the triangles: "color" (the image's own mean colour) or any
         numeric column of ``mesh.attributes("triangles")``.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
     cmap : str
         Colour map for a numeric column.
     edgecolor : str, optional
@@ -171,7 +172,10 @@ def plot_mesh(
             ax = _matplotlib("figure").Figure(figsize=size, layout="constrained").subplots()
     figure: Any = ax.figure
     corners = mesh.map_nodes[mesh.triangles]
-    values = mesh.attributes("triangles")[column]
+    attributes = mesh.attributes("triangles")
+    if column not in attributes:
+        raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
+    values = attributes[column]
     style: dict[str, Any] = {"edgecolors": edgecolor or "#ffffff59", "linewidths": 0.25}
     if column == "color":
         triangles = collections.PolyCollection(corners, facecolors=values, **style)
@@ -182,6 +186,7 @@ def plot_mesh(
     west, south, east, north = mesh.grid.bounds()
     ax.set(xlim=(west, east), ylim=(south, north) if mesh.grid.crs else (north, south))
     ax.set_aspect(_aspect(mesh))
+    ax.set_facecolor(_PAPER)  # so that white triangles differ from no triangles
     crs = mesh.grid.crs
     unit = crs.axis_info[0].unit_name if crs and crs.axis_info else "pixel"
     ax.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})")

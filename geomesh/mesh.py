@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
@@ -23,6 +23,7 @@ from geomesh.topology import FILL, Edges, build_edges, find_edges
 
 if TYPE_CHECKING:
     from os import PathLike
+    from pathlib import Path
 
 LayerName = Literal["triangles", "edges", "nodes"]
 LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
@@ -242,14 +243,36 @@ class Mesh:
             ) from error
         return matrix
 
-    def to_file(self, path: str | PathLike[str], **options: Any) -> None:
-        """Write the mesh; see `geomesh.io.vector.write_mesh` for the options."""
+    def to_file(
+        self,
+        path: str | PathLike[str],
+        *,
+        layers: Iterable[LayerName] | None = None,
+        driver: str | None = None,
+        overwrite: bool = False,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> Path:
+        """Write the mesh to a file; see `geomesh.io.vector.write_mesh`.
+
+        Parameters
+        ----------
+        path : path-like
+        layers : iterable of {"triangles", "edges", "nodes"}, optional
+            All three by default in a GeoPackage, else the triangles.
+        driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet"}, optional
+            By the extension of `path` if not given.
+        overwrite : bool
+            Replace an existing file.
+        progress : callable(fraction, message), optional
+        """
         from geomesh.io.vector import write_mesh
 
-        write_mesh(self, path, **options)
+        return write_mesh(
+            self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
+        )
 
-    def plot(self, **options: Any) -> Any:
-        """Draw the mesh with matplotlib; see `geomesh.figures.plot_mesh` for the options."""
+    def plot(self, column: str = "color", **options: Any) -> Any:
+        """Draw the mesh with matplotlib, filled by `column`; see `geomesh.figures.plot_mesh`."""
         from geomesh.figures import plot_mesh
 
-        return plot_mesh(self, **options)
+        return plot_mesh(self, column, **options)

@@ -25,6 +25,9 @@ from geomesh.triangulate import delaunay
 _NEAREST = 4
 _SPACING_SAMPLE = 20_000
 
+# Fewer keypoints a pixel than this make a mesh that shows next to nothing.
+_FEW = 1e-4
+
 Loops = list[NDArray[np.float64]]
 
 
@@ -74,11 +77,23 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
         )
     elif len(features) == 0:
         _warn("no keypoints found (the image may be constant): the mesh is the outline only")
+    elif len(features) < _FEW * facts.valid_pixels:
+        _warn(
+            f"only {len(features)} keypoints in {facts.valid_pixels} pixels: the image is smooth; "
+            "--set sobel=true finds more"
+        )
     inner = _keep_budget(features, recipe, facts).xy
     spacing = recipe.border_spacing or _median_spacing(inner)
     border = [_lattice_loop(domains.subdivide(loop, spacing, inner), recipe) for loop in loops]
     facts = replace(facts, area=sum(map(domains.loop_area, border)))
-    features = _keep_budget(features, recipe, facts, taken=_distinct(border))
+    taken = _distinct(border)
+    budget = recipe.node_budget(facts.valid_pixels)
+    if budget is not None and len(features) + taken < budget:
+        _warn(
+            f"{len(features) + taken} nodes of the {budget} asked for: the image has no more "
+            "keypoints on edges; --set edge_distance=null or min_spacing=1 gives more"
+        )
+    features = _keep_budget(features, recipe, facts, taken=taken)
     return _join(features, border, facts)
 
 
@@ -119,10 +134,11 @@ def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, Do
     outline = trace(detection.survey.turns)
     outline, islands, holes = drop_small_loops(outline, recipe.min_hole)
     if islands or holes:
-        _warn(
-            f"{islands} islands of data and {holes} holes of nodata smaller than "
-            f"{recipe.min_hole} pixels were dropped and bridged"
+        small = f"smaller than {recipe.min_hole} pixels (min_hole)"
+        told = (f"{holes} holes of nodata {small} were bridged" if holes else "") + (
+            " and " if holes and islands else ""
         )
+        _warn(told + (f"{islands} islands of data {small} were dropped" if islands else ""))
     loops = domains.simplify(outline, grid.extent)
     return loops, domains.describe(
         "valid",

@@ -164,7 +164,9 @@ def triangulate(
     triangles = new_id[triangles]
     if grid.flips:
         triangles = triangles[:, [0, 2, 1]]
-    kept = NodeSet(nodes.points[used], nodes.table.take(used), new_id[nodes.segments], nodes.domain)
+    # In the order of the edges, as they are read back from a file.
+    segments = np.unique(np.sort(new_id[nodes.segments], axis=1), axis=0).reshape(-1, 2)
+    kept = NodeSet(nodes.points[used], nodes.table.take(used), segments, nodes.domain)
     return kept, np.ascontiguousarray(triangles)
 
 

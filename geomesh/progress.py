@@ -22,7 +22,7 @@ def reporting(progress: bool | Progress) -> Iterator[Progress]:
 
 @contextmanager
 def bar() -> Iterator[Progress]:
-    """Show a progress bar with a time estimate on standard error, in notebooks too."""
+    """Show a progress bar with a time estimate on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
@@ -33,7 +33,7 @@ def bar() -> Iterator[Progress]:
         TaskProgressColumn(),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
-    with RichProgress(*columns, console=Console(stderr=True)) as display:
+    with RichProgress(*columns, console=Console(stderr=True, force_jupyter=False)) as display:
         task = display.add_task("Reading", total=1.0)
 
         def report(fraction: float, message: str) -> None:

@@ -56,6 +56,9 @@ class Quality:
     nodes: int
     size: tuple[float, float]
 
+    def __repr__(self) -> str:
+        return f"<Quality: {self.table.length} triangles, {', '.join(self.table)}>"
+
     def summary(self) -> dict[str, Any]:
         """Return figures over all triangles as plain JSON values.
 

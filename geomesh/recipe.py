@@ -104,7 +104,7 @@ class Recipe:
     sift_source: str = "gray"
     sift_max_octave: int | None = 2
     sift_octave_layers: int = 3
-    sift_contrast_threshold: float = 0.01
+    sift_contrast_threshold: float = 0.002
     sift_edge_threshold: float = 10.0
     sift_sigma: float = 1.6
     edge_distance: float | None = 1.5

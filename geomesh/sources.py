@@ -16,7 +16,7 @@ from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
 from rasterio.vrt import WarpedVRT
 
 from geomesh.bands import array_bands, dataset_bands
-from geomesh.errors import GeoreferenceError, SourceError, one_line
+from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.extent import restrict
 from geomesh.georeference import NO_CRS, georeference
 from geomesh.grid import IDENTITY, Grid
@@ -56,6 +56,10 @@ def open_scene(
     ------
     SourceError, BandError, GeoreferenceError, EmptyError
     """
+    if bidx is not None and not (
+        isinstance(bidx, Sequence) and all(isinstance(index, int) for index in bidx)
+    ):
+        raise BandError(f"bidx is {bidx!r}: give a list of band numbers such as [3, 2, 1]")
     if isinstance(source, tuple) and len(source) == 3:
         scene = _array_scene(source, bidx)
     elif isinstance(source, _DATASETS):

@@ -54,6 +54,7 @@ FLOAT32_MIN = float(np.finfo(np.float32).min)
 NO_CRS = "has no CRS: the mesh has none either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"
 NO_KEYPOINTS = "no keypoints found .* the outline only"
+FEWER = "nodes of the .* asked for: the image has no more keypoints"
 NO_HULL = "span no area: the mesh covers the whole frame"
 
 
@@ -644,8 +645,8 @@ OPTIONS: dict[str, Case] = {
     "--nodes 1": setting(
         "nodes", 1, refused=None, warns=("the outline alone takes .* more than the 1 asked for",)
     ),
-    "--nodes 200%": setting("nodes", "200%", refused=None, valid=SIZE),
-    "--nodes 10**18": setting("nodes", 10**18, refused=None, valid=SIZE),
+    "--nodes 200%": setting("nodes", "200%", refused=None, warns=(FEWER,), valid=SIZE),
+    "--nodes 10**18": setting("nodes", 10**18, refused=None, warns=(FEWER,), valid=SIZE),
     "--set of an unknown name": setting("cany_low", 50, refused="choose from .*canny_low"),
     **{
         f"--set {name}={json.dumps(value)}": setting(name, value)
@@ -802,7 +803,7 @@ USAGE: dict[str, Sequence[str]] = {
 }
 
 RECIPES: dict[str, tuple[bytes | None, str]] = {
-    "missing": (None, "No such file"),
+    "missing": (None, "no such file"),
     "empty": (b"", "not a recipe in JSON"),
     "no json": (b"canny_low = 5", "not a recipe in JSON"),
     "list": (b"[1, 2]", "not a recipe in JSON"),

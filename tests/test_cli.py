@@ -121,7 +121,7 @@ def test_json_tells_of_every_source(tmp_path):
     outcome = json.loads(stdout)
     assert outcome["failed"] == 1
     assert [set(result) for result in outcome["results"]] == [
-        {"source", "output", "nodes", "triangles"},
+        {"source", "output", "nodes", "triangles", "warnings"},
         {"source", "error"},
     ]
 

@@ -32,7 +32,6 @@ def main() -> NoReturn:
         error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("Interrupted: no output was changed.", err=True)
         sys.exit(_INTERRUPTED)
     sys.exit(0)
 

@@ -5,7 +5,7 @@ The JSON lines protocol, on standard output, one object a line with `event`:
 - ``start``: ``protocol`` (this version), ``command``, ``source``
 - ``progress``: ``fraction`` (0..1), ``message``
 - ``log``: ``level`` ("warning"), ``message``
-- ``error``: ``code`` (of `geomesh.errors`), ``message``
+- ``error``: ``code`` (of `geomesh.errors`, or "interrupted"), ``message``
 - ``result``: ``outputs`` (paths), ``figures`` (numbers)
 """
 
@@ -42,6 +42,9 @@ class Console(Protocol):
     def error(self, code: str, message: str) -> None:
         """Say in one line what went wrong."""
 
+    def interrupted(self) -> None:
+        """Say that the work was stopped."""
+
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:
         """Say what was made: paths and numbers, or the line of text that tells them."""
 
@@ -74,6 +77,10 @@ class People:
     def error(self, code: str, message: str) -> None:  # noqa: ARG002
         """Print an error."""
         click.echo(f"Error: {message}", err=True)
+
+    def interrupted(self) -> None:
+        """Say it on a line of its own, below a bar."""
+        click.echo("Interrupted: what was being written was left as it was.", err=True)
 
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
         """Print the text, unless a JSON document follows."""
@@ -113,6 +120,10 @@ class JsonLines:
         """Tell an error."""
         self._tell("error", code=code, message=message)
 
+    def interrupted(self) -> None:
+        """Tell it as an error."""
+        self.error("interrupted", "what was being written was left as it was")
+
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
         """Tell what was made."""
         self._tell("result", outputs=list(outputs), figures=dict(figures))
@@ -126,13 +137,16 @@ def open_console(style: str | None, *, quiet: bool = False) -> Console:
 
 
 @contextmanager
-def guarded(console: Console, debug: bool) -> Iterator[list[str]]:
-    """Turn errors into one line (kept in the list that is yielded) and warnings into messages."""
+def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str]]:
+    """Turn errors into one line (kept in the list that is yielded) and warnings into messages.
+
+    `about` is put before warnings, to tell which of several rasters they are about.
+    """
     failures: list[str] = []
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, GeomeshWarning) or debug:
-            console.warn(str(message))
+            console.warn(f"{about}{message}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", GeomeshWarning)
@@ -144,6 +158,9 @@ def guarded(console: Console, debug: bool) -> Iterator[list[str]]:
             console.error(error.code, str(error))
             if debug:
                 raise
+        except KeyboardInterrupt:
+            console.interrupted()
+            raise
         except MemoryError:
             failures.append("not enough memory")
             console.error("memory", "not enough memory: choose a smaller part with --bounds")

@@ -151,13 +151,15 @@ def _print_quality(mesh_file: str, summary: Mapping[str, Any], unit: str) -> Non
         caption_justify="left",
     )
     figures = ("mean", "median", "p5", "p95", "min", "max")
-    table.add_column("measure")
+    table.add_column("measure", no_wrap=True)
     for figure in figures:
         table.add_column(figure, justify="right")
     for name, values in summary["measures"].items():
         shown = (values[figure] for figure in figures)
         table.add_row(name, *("" if value is None else f"{value:.4g}" for value in shown))
     console = Console()
+    if not console.is_terminal:
+        console.width = 120
     console.print(table)
     for limit, share in summary["share_min_angle_under"].items():
         console.print(f"smallest angle under {limit} degrees: {share or 0:.2%} of the triangles")

@@ -7,6 +7,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,7 +91,8 @@ def mesh(
         jobs = planned
     for job in jobs:
         console.start("mesh", job.source)
-        with guarded(console, debug) as problems, console.progress() as report:
+        about = f"{job.source}: " if len(jobs) > 1 else ""
+        with guarded(console, debug, about) as problems, console.progress() as report:
             from geomesh.io.vector import check_output, write_mesh
             from geomesh.pipeline import mesh_raster
             from geomesh.tiles import part_of
@@ -115,13 +117,16 @@ def mesh(
             outcomes.append({"source": job.source, "error": problems[0]})
             continue
         figures = {"nodes": len(made.nodes), "triangles": len(made.triangles)}
-        outcomes.append({"source": job.source, "output": str(job.output), **figures})
+        told = list(made.metadata["warnings"])
+        outcome = {"source": job.source, "output": str(job.output), **figures, "warnings": told}
+        outcomes.append(outcome)
         console.result(
             [str(job.output)],
             figures,
             f"{job.output}: {figures['nodes']:,} nodes, {figures['triangles']:,} triangles, "
             "certified",
         )
+    _remove_if_empty(jobs)
     if as_json:
         click.echo(json.dumps({"results": outcomes, "failed": len(failures)}, indent=2))
     elif len(jobs) > 1 and progress != "jsonl":
@@ -136,6 +141,8 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
         return [Job(sources[0], folder)]
     from geomesh.io.vector import find_format
 
+    if folder.suffix.lower() in _extensions() and not folder.is_dir():
+        raise OutputError(f"{output} is the name of one file; for several rasters name a folder")
     if folder.exists() and not folder.is_dir():
         raise OutputError(
             f"{output} is a file; for several rasters name a folder, as in -o meshes/"
@@ -161,6 +168,19 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
     ]
 
 
+def _remove_if_empty(jobs: Sequence[Job]) -> None:
+    """Remove the folder of a batch that made nothing."""
+    with suppress(OSError):
+        if len(jobs) > 1:
+            jobs[0].output.parent.rmdir()
+
+
+def _extensions() -> set[str]:
+    from geomesh.io.vector import FORMATS
+
+    return {extension for known in FORMATS for extension in known.extensions}
+
+
 def _keep_inputs(jobs: Sequence[Job], inputs: Sequence[str | None]) -> None:
     """Refuse outputs that would take the place of something that is read."""
     for job in jobs:
@@ -177,7 +197,7 @@ def _same_file(path: str, other: Path) -> bool:
 
 
 def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
-    """Print which rasters were meshed and which failed."""
+    """Print which rasters were meshed and which failed; why was said when they did."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -187,11 +207,13 @@ def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
     for column in ("source", "nodes", "triangles", "outcome"):
         table.add_column(column, justify="right" if column in ("nodes", "triangles") else "left")
     for outcome in outcomes:
-        failed_here = "error" in outcome
-        table.add_row(
-            Text(outcome["source"]),
-            f"{outcome['nodes']:,}" if not failed_here else "",
-            f"{outcome['triangles']:,}" if not failed_here else "",
-            Text(outcome["error"], style="red") if failed_here else Text(outcome["output"]),
-        )
-    Console(stderr=True).print(table)
+        source = Text(outcome["source"], overflow="fold")
+        if "error" in outcome:
+            table.add_row(source, "", "", Text("failed", style="red"))
+        else:
+            figures = (f"{outcome[name]:,}" for name in ("nodes", "triangles"))
+            table.add_row(source, *figures, Text(Path(outcome["output"]).name, overflow="fold"))
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        console.width = 160
+    console.print(table)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import fields
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,6 +15,8 @@ from geomesh.errors import RecipeError
 from geomesh.recipe import DOMAINS, PRESETS, Recipe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+_NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
 _READING = ("bidx", "nodata", "bounds", "mask")
 _RECIPE = ("preset", "recipe_file", "nodes", "gray", "domain", "statistics", "settings")
@@ -149,7 +152,7 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 multiple=True,
                 callback=_settings,
                 metavar="NAME=VALUE",
-                help="Any other parameter of the recipe, such as canny_low=50 (repeatable).",
+                help=f"Any parameter of the recipe, such as canny_low=50 (repeatable): {_NAMES}.",
             ),
         )
     ):
@@ -183,6 +186,8 @@ def build_recipe(
             recipe = Recipe.from_dict(document.get("recipe", document))
         except RecipeError as error:
             raise RecipeError(f"{recipe_file}: {error}") from error
+        except FileNotFoundError as error:
+            raise RecipeError(f"{recipe_file}: no such file") from error
         except (OSError, ValueError, AttributeError) as error:
             raise RecipeError(f"{recipe_file} is not a recipe in JSON ({error})") from error
     given = {name: value for name, value in values.items() if value is not None}
