@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.errors import CertificateError
+from geomesh.grid import signed_areas
 from geomesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
 
 # Bounds on the rounding error of the two predicates in float64, relative to the
@@ -21,6 +22,7 @@ from geomesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
 _EPSILON = 2.0**-53
 _INCIRCLE_ERROR = (10 + 96 * _EPSILON) * _EPSILON
 _AREA_TOLERANCE = 1e-9
+_ANGLE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,8 @@ class DomainFacts:
         follow pixels (`hull`).
     islands_dropped, holes_bridged : int
         Islands of data and holes of nodata smaller than the recipe's `min_hole`.
+    pixels_dropped : int
+        Pixels in those islands, less the pixels in those holes.
     """
 
     kind: str
@@ -51,6 +55,7 @@ class DomainFacts:
     pixels: int | None = None
     islands_dropped: int = 0
     holes_bridged: int = 0
+    pixels_dropped: int = 0
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ def certify(
             (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
         )
     edges = build_edges(triangles)
-    areas = _signed_areas(nodes[triangles]) * (1 if counter_clockwise else -1)
+    areas = signed_areas(nodes[triangles]) * (1 if counter_clockwise else -1)
     checks = [
         _check_nodes(nodes, triangles),
         _check_orientation(areas),
@@ -139,10 +144,10 @@ def certify(
         _check_area(float(areas.sum()), domain.area),
         _check_boundary(edges, constraints, domain),
         _check_euler(triangles, edges, domain),
+        _check_angles(nodes, triangles, edges, domain),
         _check_delaunay(nodes * plane_scale, triangles, edges, constraints),
+        _check_pixels(covered_pixels, counted_pixels, domain),
     ]
-    if covered_pixels is not None and counted_pixels is not None:
-        checks.append(_check_pixels(covered_pixels, counted_pixels, domain))
     return Certificate(tuple(checks), _min_angle(nodes * plane_scale, triangles))
 
 
@@ -243,7 +248,8 @@ def _check_delaunay(
     return Check(
         "empty circumcircles (Delaunay; constrained where constraints are)",
         violations == 0,
-        f"{len(first)} edges tested, {violations} violations, {ties} cocircular",
+        f"{len(first)} edges tested, {violations} violations, {ties} cocircular; "
+        f"{np.count_nonzero(edges.uses == 2) - len(first)} inner edges constrained",
     )
 
 
@@ -259,28 +265,57 @@ def _incircle(
         left, right = p[:, 0] * q[:, 1], p[:, 1] * q[:, 0]
         value += lift * (left - right)
         magnitude += lift * (np.abs(left) + np.abs(right))
-    return value * np.sign(_signed_areas(corners)), _INCIRCLE_ERROR * magnitude
+    return value * np.sign(signed_areas(corners)), _INCIRCLE_ERROR * magnitude
 
 
-def _check_pixels(covered: int, counted: int, domain: DomainFacts) -> Check:
-    if domain.pixels is None:
-        return Check(
-            "no pixel is counted twice",
-            counted <= min(covered, domain.valid_pixels),
-            f"{counted} of {domain.valid_pixels} valid pixels counted",
-        )
+def _check_pixels(covered: int | None, counted: int | None, domain: DomainFacts) -> Check:
+    """Compare three independent counts: pixels in triangles, in the outline, and valid ones."""
+    name = "each pixel of the domain lies in one triangle, none outside it"
+    if covered is None or counted is None:
+        return Check(name, True, "not checked: the mesh was made without a raster")
+    if domain.kind == "valid":
+        holds = covered == domain.pixels == domain.valid_pixels - domain.pixels_dropped
+        holds &= counted == domain.valid_pixels or domain.islands_dropped > 0
+    elif domain.kind == "image":
+        holds = covered == domain.pixels and counted == domain.valid_pixels
+    else:
+        holds = True
     return Check(
-        "each pixel of the domain lies in one triangle, none outside it",
-        covered == domain.pixels and counted <= domain.valid_pixels,
-        f"{covered} pixels of {domain.pixels}; {counted} of {domain.valid_pixels} valid ones, "
+        name,
+        holds and counted <= min(covered, domain.valid_pixels),
+        f"{covered} pixels{'' if domain.pixels is None else f' of {domain.pixels}'}; "
+        f"{counted} of {domain.valid_pixels} valid ones, "
         f"{domain.islands_dropped} small islands dropped, {domain.holes_bridged} holes bridged",
     )
 
 
-def _signed_areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas: NDArray[np.float64] = 0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
-    return areas
+def _check_angles(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], edges: Edges, domain: DomainFacts
+) -> Check:
+    """Angles around an inner node make one turn; on a hull's boundary, half a turn at most."""
+    corners = points[triangles]
+    total = np.zeros(len(points))
+    for k in range(3):
+        u = corners[:, (k + 1) % 3] - corners[:, k]
+        v = corners[:, (k + 2) % 3] - corners[:, k]
+        cross = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        with np.errstate(invalid="ignore"):
+            angle = np.arctan2(cross, (u * v).sum(axis=1))
+        total += np.bincount(triangles[:, k], angle, minlength=len(points))
+    limit = np.full(len(points), 2 * np.pi)
+    border = np.unique(edges.nodes[edges.uses == 1])
+    if domain.kind == "hull":
+        limit[border] = np.pi
+    bad = ~(total <= limit + _ANGLE_TOLERANCE)
+    inner = np.ones(len(points), np.bool_)
+    inner[border] = False
+    inner[np.bincount(triangles.ravel(), minlength=len(points)) == 0] = False
+    bad |= inner & (np.abs(total - 2 * np.pi) > _ANGLE_TOLERANCE)
+    return Check(
+        "triangles go once around every node",
+        not bad.any(),
+        f"{np.count_nonzero(inner)} inner nodes, {np.count_nonzero(bad)} nodes with other angles",
+    )
 
 
 def _min_angle(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> float:

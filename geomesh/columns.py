@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from geomesh.zonal import Statistics
 
 # Columns that the nodes have already; a band must not take the name of one.
-_TAKEN = frozenset(
-    ("id", "fid", "geometry", "geom", "kind", "col", "row", "scale", "response", "octave", "angle")
-)
+_TAKEN = frozenset(("id", "kind", "col", "row", "scale", "response", "octave", "angle"))
+_TAKEN |= frozenset(("fid", "bbox", "geometry", "geom"))
 _LONGEST_NAME = 40
 
 

@@ -33,6 +33,8 @@ SEAM = 1 / 32
 # Automatic thresholds look at the whole image up to this size, else at 4 x 4 blocks.
 _SAMPLE_SIZE = 1024
 _SAMPLE_BLOCK = 256
+_SAMPLE_BLOCKS = 16
+_SAMPLE_PIXELS = 65_536
 
 
 class GrayImage(Protocol):
@@ -118,12 +120,32 @@ class Detection:
 
 @dataclass(frozen=True)
 class _TileFeatures:
-    """Keypoints of one tile's core, the edge components around each, and the outline."""
+    """What one tile found.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        In the core; near an edge, or near what may become one.
+    certain : bool (N,)
+        Whether a keypoint is near an edge for sure.
+    open_point, open_label : intp (K,)
+        Keypoints near components that leave the tile, and those components.
+    edges : EdgePartial
+    survey : Survey
+    """
 
     keypoints: Keypoints
-    labels: NDArray[np.int32]
+    certain: NDArray[np.bool_]
+    open_point: NDArray[np.intp]
+    open_label: NDArray[np.intp]
     edges: EdgePartial
     survey: Survey
+
+    def on_edges(self, is_edge: NDArray[np.bool_]) -> Keypoints:
+        """Return the keypoints near an edge, now that it is known which components are."""
+        kept = self.certain.copy()
+        kept[self.open_point[is_edge[self.open_label]]] = True
+        return self.keypoints.take(kept)
 
 
 def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
@@ -152,13 +174,8 @@ def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
             message="Detecting edges and keypoints",
         )
     )
-    keypoints = [part.keypoints for part in parts]
-    if recipe.edge_distance is not None:
-        is_edge = unite([part.edges for part in parts])
-        keypoints = [
-            part.keypoints.take(np.any(edge[part.labels], axis=1))
-            for part, edge in zip(parts, is_edge, strict=True)
-        ]
+    is_edge = unite([part.edges for part in parts])
+    keypoints = [part.on_edges(edge) for part, edge in zip(parts, is_edge, strict=True)]
     return Detection(
         keypoints=Keypoints.join(keypoints),
         size=(extent.width, extent.height),
@@ -171,12 +188,26 @@ def canny_thresholds(image: GrayImage, recipe: Recipe) -> Thresholds:
     """Return the recipe's Canny thresholds; those it leaves open come from the image."""
     low, high = recipe.canny_low, recipe.canny_high
     if low is None or high is None:
-        blocks = [image.read(window) for window in _sample_windows(image.extent)]
-        found = automatic_thresholds(blocks, recipe.canny_l2)
+        found = automatic_thresholds(_samples(image), recipe.canny_l2)
         # A threshold given alone bounds the automatic one.
         high = max(found.high, low or 0) if high is None else high
         low = min(found.low, high) if low is None else low
     return Thresholds(low, high, recipe.canny_l2)
+
+
+def _samples(image: GrayImage) -> list[tuple[Gray, NDArray[np.bool_]]]:
+    """Blocks of the image that hold enough valid pixels to know its gradients by."""
+    blocks, found = [], 0
+    windows = _sample_windows(image.extent)
+    if len(windows) > 1:  # where data are sparse, go through the tiles until there are enough
+        windows += [tile.core for tile in plan_tiles(image.extent)]
+    for count, window in enumerate(windows):
+        if count >= _SAMPLE_BLOCKS and found >= _SAMPLE_PIXELS:
+            break
+        gray, valid = image.read(window)
+        found += int(np.count_nonzero(valid))
+        blocks.append((gray, valid))
+    return blocks
 
 
 def _sample_windows(extent: Window) -> list[Window]:
@@ -185,9 +216,7 @@ def _sample_windows(extent: Window) -> list[Window]:
     half = _SAMPLE_BLOCK // 2
     columns = [round(extent.width * (k + 0.5) / 4) - half for k in range(4)]
     rows = [round(extent.height * (k + 0.5) / 4) - half for k in range(4)]
-    blocks = [Window(c, r, 2 * half, 2 * half).clip(extent) for r in rows for c in columns]
-    # In a long and narrow image, blocks of one row of the lattice may coincide.
-    return list(dict.fromkeys(blocks))
+    return [Window(c, r, 2 * half, 2 * half).clip(extent) for r in rows for c in columns]
 
 
 def shrink(image: GrayImage, size: tuple[int, int], progress: Progress) -> tuple[ArrayGray, Survey]:
@@ -228,17 +257,32 @@ def _detect_tile(
     distance = recipe.edge_distance or 0.0
     weak, partial = tile_edges(
         gray,
+        valid,
         tile,
         thresholds,
         image_width=image.extent.width,
         seam=int(distance) + 2,
     )
-    seen = canny(gray, thresholds) * np.uint8(255) if recipe.sift_source == "edges" else gray
+    seen = canny(gray, thresholds, valid) * np.uint8(255) if recipe.sift_source == "edges" else gray
     found = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
     found = found.moved(found.xy + np.array([tile.read.col, tile.read.row]))
     keypoints = found.take(_in_core(found.xy, tile) & _usable(found.xy, valid, tile, image, recipe))
+    survey = _survey(valid, tile, image.extent)
+    if recipe.edge_distance is None:
+        nothing = np.empty(0, np.intp)
+        certain = np.ones(len(keypoints), np.bool_)
+        return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey)
+    # Of the labels around keypoints only those are kept that other tiles have a say in:
+    # memory is not to grow with the area of the disc.
     labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
-    return _TileFeatures(keypoints, labels, partial, _survey(valid, tile, image.extent))
+    leaves = np.zeros(len(partial.strong), np.bool_)
+    leaves[partial.seam_labels] = True
+    certain = np.any(partial.strong[labels], axis=1)
+    near = certain | np.any(leaves[labels], axis=1)
+    keypoints, labels, certain = keypoints.take(near), labels[near], certain[near]
+    point, column = np.nonzero(leaves[labels] & ~certain[:, None])
+    open_label = labels[point, column].astype(np.intp)
+    return _TileFeatures(keypoints, certain, point, open_label, partial, survey)
 
 
 def _in_core(points: NDArray[np.float64], tile: Tile) -> NDArray[np.bool_]:

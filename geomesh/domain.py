@@ -151,26 +151,18 @@ def frame(width: int, height: int) -> list[NDArray[np.float64]]:
     return [np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float64)]
 
 
-def describe(
-    kind: str,
-    loops: Sequence[NDArray[np.float64]],
-    *,
-    valid_pixels: int,
-    pixels: int | None,
-    islands_dropped: int = 0,
-    holes_bridged: int = 0,
-) -> DomainFacts:
-    """Return what is known of the area inside `loops` before it is triangulated."""
+def describe(kind: str, loops: Sequence[NDArray[np.float64]], **counts: int) -> DomainFacts:
+    """Return what is known of the area inside `loops` before it is triangulated.
+
+    `counts` are further fields of DomainFacts.
+    """
     areas = np.array([loop_area(loop) for loop in loops])
     return DomainFacts(
         kind=kind,
         area=float(areas.sum()),
         components=int(np.count_nonzero(areas > 0)),
         holes=int(np.count_nonzero(areas < 0)),
-        valid_pixels=valid_pixels,
-        pixels=pixels,
-        islands_dropped=islands_dropped,
-        holes_bridged=holes_bridged,
+        **counts,
     )
 
 

@@ -31,6 +31,12 @@ _MEDIANS = 2.0
 _STRONGEST = 99
 _OF_STRONGEST = 0.9
 
+# Edges may run so far into nodata: through speckle, not through a collar.
+_BRIDGE = np.ones((5, 5), np.uint8)
+
+# Thresholds are capped at this, as OpenCV does.
+_GREATEST = 32_767
+
 Gradients = tuple[NDArray[np.int16], NDArray[np.int16]]
 
 
@@ -77,11 +83,22 @@ class EdgePartial:
     seam_labels: NDArray[np.int32]
 
 
-def canny(gray: Gray, thresholds: Thresholds) -> NDArray[np.bool_]:
-    """Return the Canny edges of a whole 8-bit image (H, W)."""
-    dx, dy = _gradients(gray)
-    low, high, l2 = thresholds.low, thresholds.high, thresholds.l2
-    return cv2.Canny(dx, dy, low, high, L2gradient=l2) > 0
+def canny(
+    gray: Gray, thresholds: Thresholds, valid: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """Return the Canny edges of a whole 8-bit image (H, W).
+
+    Edges do not run on into pixels that are not `valid` (H, W).
+    """
+    if valid is None:
+        valid = np.ones(gray.shape, np.bool_)
+    height, width = gray.shape
+    whole = Window(0, 0, width, height)
+    (labels, _), partial = tile_edges(
+        gray, valid, Tile(whole, whole), thresholds, image_width=width, seam=1
+    )
+    edges: NDArray[np.bool_] = partial.strong[labels]
+    return edges
 
 
 def _gradients(gray: Gray) -> Gradients:
@@ -121,13 +138,22 @@ def automatic_thresholds(samples: Sequence[tuple[Gray, NDArray[np.bool_]]], l2: 
 
 
 def tile_edges(
-    gray: Gray, tile: Tile, thresholds: Thresholds, *, image_width: int, seam: int
+    gray: Gray,
+    valid: NDArray[np.bool_],
+    tile: Tile,
+    thresholds: Thresholds,
+    *,
+    image_width: int,
+    seam: int,
 ) -> tuple[WeakEdges, EdgePartial]:
     """Return the weak edges of the tile whose pixels `tile.read` are in `gray`.
 
     Parameters
     ----------
     gray : uint8 (h, w)
+    valid : bool (h, w)
+        Edges bridge single pixels of nodata, but do not run on into it: what is filled
+        in far from the data depends on the tile.
     tile : Tile
     thresholds : Thresholds
     image_width : int
@@ -137,10 +163,12 @@ def tile_edges(
     """
     gradients = _gradients(gray)
     low, l2 = thresholds.low, thresholds.l2
-    weak = cv2.Canny(*gradients, low, low, L2gradient=l2)
+    near_data = cv2.dilate(valid.view(np.uint8), _BRIDGE)
+    weak = cv2.Canny(*gradients, low, low, L2gradient=l2) * near_data
     window = tile.core.pad(seam).clip(tile.read)
     block = window.slices(tile.read)
-    limit = int(thresholds.high**2) if l2 else int(thresholds.high)
+    high = min(thresholds.high, _GREATEST)
+    limit = int(high**2) if l2 else int(high)
     strong_pixels = _magnitude(gradients, l2)[block] > limit
     count, found = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
     labels: NDArray[np.int32] = np.asarray(found, np.int32)

@@ -7,6 +7,7 @@ from os import PathLike
 from typing import Any
 
 import geopandas as gpd
+import numpy as np
 import pyogrio
 import shapely
 from pyogrio.errors import DataSourceError
@@ -14,7 +15,7 @@ from pyproj.exceptions import ProjError
 from shapely.geometry.base import BaseGeometry
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
-from geomesh.grid import Grid, Window
+from geomesh.grid import Grid, Window, snap
 from geomesh.raster import Scene
 
 # A pixel border that a box meets up to rounding is the box's own border.
@@ -48,6 +49,9 @@ def restrict(
         area = polygons if area is None else shapely.intersection(area, polygons)
         if area.is_empty:
             raise EmptyError(f"--bounds and --mask have nothing in common on {scene.name}")
+    if area is not None:
+        corner = np.array([scene.window.col, scene.window.row])
+        area = shapely.transform(area, lambda xy: snap(scene.grid.to_pixel(xy) + corner))
     return scene.crop(window, area)
 
 

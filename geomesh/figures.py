@@ -77,7 +77,7 @@ def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
             worked, _ = shrink(worked, recipe.resize, part_of(progress, 0.9, 1))
         gray, _ = plain.read(plain.extent)
         seen, valid = worked.read(worked.extent)
-        edges = canny(seen, canny_thresholds(ArrayGray(seen, valid), recipe))
+        edges = canny(seen, canny_thresholds(ArrayGray(seen, valid), recipe), valid)
         bands, valid = reader.read(extent)
     levels = tone.display(bands)[list(scene.display)]
     image = np.moveaxis(levels, 0, -1).copy()
@@ -101,7 +101,7 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
     tall = height > 1.3 * width
     rows, columns = (1, 4) if tall else (2, 2)
     panel = 4.2 if not tall else 3.2
-    size = (columns * panel, rows * panel * height / width + 0.5)
+    size = (columns * panel, rows * panel * float(np.clip(height / width, 0.2, 4)) + 0.5)
     figure: Figure = figure_module.Figure(figsize=size, layout="constrained", facecolor="white")
     axes = figure.subplots(rows, columns).ravel()
     mesh = stages.mesh

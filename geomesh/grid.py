@@ -20,6 +20,10 @@ IDENTITY = Affine.identity()
 _LEAST_STEPS = 1024
 
 
+# Nodes lie on a lattice of 1/256 pixel: exact in float64 and in the predicates.
+LATTICE = 256.0
+
+
 @dataclass(frozen=True, slots=True)
 class Window:
     """A block of whole pixels: upper left pixel, width and height."""
@@ -172,7 +176,7 @@ class Grid:
         """
         corners = self.to_map(points)[triangles]
         if self.crs is None:
-            return np.abs(_signed_areas(corners))
+            return np.abs(signed_areas(corners))
         unit = self.crs.axis_info[0].unit_conversion_factor if self.crs.axis_info else 1.0
         if self.crs.is_geographic:
             ellipsoid = self.crs.ellipsoid
@@ -182,7 +186,13 @@ class Grid:
             return _ellipsoidal_areas(
                 radians, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
             )
-        return np.abs(_signed_areas(corners)) * unit**2
+        return np.abs(signed_areas(corners)) * unit**2
+
+
+def snap(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points rounded to the lattice of 1/256 pixel."""
+    snapped: NDArray[np.float64] = np.rint(points * LATTICE) / LATTICE
+    return snapped
 
 
 def _apply(transform: Affine, points: ArrayLike) -> Points:
@@ -192,7 +202,7 @@ def _apply(transform: Affine, points: ArrayLike) -> Points:
     return np.column_stack([a * x + b * y + c, d * x + e * y + f])
 
 
-def _signed_areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def signed_areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Signed planar areas of triangles (T, 3, 2); positive where counter-clockwise."""
     ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas: NDArray[np.float64] = 0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])

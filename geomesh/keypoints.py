@@ -16,9 +16,6 @@ from geomesh.preprocess import Gray
 from geomesh.recipe import Recipe
 from geomesh.table import read_only
 
-# Nodes lie on a lattice of 1/256 pixel: exact in float64 and in the predicates.
-LATTICE = 256.0
-
 
 @dataclass(frozen=True, eq=False)
 class Keypoints:
@@ -131,12 +128,6 @@ def labels_around(
     height, width = labels.shape
     found = labels[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
     return np.where(inside, found, 0).astype(np.int32)
-
-
-def snap(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points rounded to the lattice of 1/256 pixel."""
-    snapped: NDArray[np.float64] = np.rint(points * LATTICE) / LATTICE
-    return snapped
 
 
 def by_strength(keypoints: Keypoints) -> Keypoints:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +12,12 @@ from scipy.spatial import cKDTree
 from geomesh import domain as domains
 from geomesh.certificate import DomainFacts
 from geomesh.detect import SEAM, Detection
-from geomesh.errors import GeomeshWarning
-from geomesh.grid import Grid
-from geomesh.keypoints import Keypoints, snap, spread_evenly, thin
+from geomesh.grid import Grid, snap
+from geomesh.keypoints import Keypoints, spread_evenly, thin
 from geomesh.outline import drop_small_loops, trace
 from geomesh.recipe import Recipe
 from geomesh.table import Table
-from geomesh.triangulate import delaunay
+from geomesh.triangulate import constrained_delaunay, delaunay
 
 # The distance to the third nearest node is close to the length of an edge.
 _NEAREST = 4
@@ -44,12 +42,15 @@ class NodeSet:
     segments : int32 (S, 2)
         Pairs of points that must become edges: the outline.
     domain : DomainFacts
+    notes : tuple of str
+        What the user should know of the choice.
     """
 
     points: NDArray[np.float64]
     table: Table
     segments: NDArray[np.int32]
     domain: DomainFacts
+    notes: tuple[str, ...] = ()
 
 
 def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
@@ -65,36 +66,58 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     """
     features = _features(detection, grid, recipe)
     loops, facts = _domain(detection, grid, recipe)
+    notes = _notes_on_domain(facts, recipe)
     if not loops:
-        features = _keep_budget(features, recipe, facts)
-        if len(delaunay(features.xy).triangles):
-            area = shapely.convex_hull(shapely.multipoints(features.xy)).area
-            return _join(features, [], replace(facts, area=float(area)))
-        loops, facts = _frame(grid, facts.valid_pixels)
-        _warn(
-            f"only {len(features)} keypoints found, which span no area: the mesh covers the "
+        chosen = _strongest(features, recipe, facts)
+        if len(delaunay(chosen.xy).triangles):
+            area = shapely.convex_hull(shapely.multipoints(chosen.xy)).area
+            return replace(_join(chosen, [], replace(facts, area=float(area))), notes=tuple(notes))
+        notes.append(
+            f"{len(chosen)} of {len(features)} keypoints, which span no area: the mesh covers the "
             "whole frame instead of their hull"
         )
-    elif len(features) == 0:
-        _warn("no keypoints found (the image may be constant): the mesh is the outline only")
-    elif len(features) < _FEW * facts.valid_pixels:
-        _warn(
-            f"only {len(features)} keypoints in {facts.valid_pixels} pixels: the image is smooth; "
-            "--set sobel=true finds more"
-        )
-    inner = _keep_budget(features, recipe, facts).xy
+        loops, facts = _frame(grid, facts.valid_pixels)
+    elif facts.islands_dropped or recipe.resize is not None:
+        # Islands are no domain, and a resized image's pixels do not follow the outline.
+        features = features.take(_inside(features.xy, loops))
+    inner = _strongest(features, recipe, facts).xy
     spacing = recipe.border_spacing or _median_spacing(inner)
     border = [_lattice_loop(domains.subdivide(loop, spacing, inner), recipe) for loop in loops]
     facts = replace(facts, area=sum(map(domains.loop_area, border)))
     taken = _distinct(border)
+    if facts.kind == recipe.domain:
+        notes += _notes_on_number(len(features), taken, recipe, facts)
+    chosen = _strongest(features, recipe, facts, taken=taken)
+    return replace(_join(chosen, border, facts), notes=tuple(notes))
+
+
+def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
+    told = []
+    if facts.holes_bridged:
+        told.append(f"{facts.holes_bridged} holes of nodata were bridged")
+    if facts.islands_dropped:
+        told.append(f"{facts.islands_dropped} islands of data were dropped")
+    small = f"smaller than {recipe.min_hole} pixels (min_hole)"
+    return [f"{' and '.join(told)}, each {small}"] if told else []
+
+
+def _notes_on_number(features: int, border: int, recipe: Recipe, facts: DomainFacts) -> list[str]:
     budget = recipe.node_budget(facts.valid_pixels)
-    if budget is not None and len(features) + taken < budget:
-        _warn(
-            f"{len(features) + taken} nodes of the {budget} asked for: the image has no more "
-            "keypoints on edges; --set edge_distance=null or min_spacing=1 gives more"
-        )
-    features = _keep_budget(features, recipe, facts, taken=taken)
-    return _join(features, border, facts)
+    if budget is not None and border > budget:
+        return [f"the outline alone takes {border} nodes, more than the {budget} asked for"]
+    if features == 0:
+        return ["no keypoints found (the image may be constant): the mesh is the outline only"]
+    if budget is not None and features + border < budget:
+        return [
+            f"{features + border} nodes of the {budget} asked for: the image has no more keypoints "
+            "on edges; --set edge_distance=null or min_spacing=1 gives more"
+        ]
+    if features < _FEW * facts.valid_pixels:
+        return [
+            f"only {features} keypoints in {facts.valid_pixels} pixels: the image is smooth; "
+            "--set sobel=true finds more"
+        ]
+    return []
 
 
 def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
@@ -111,15 +134,13 @@ def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
     return keypoints.moved(keypoints.xy * (grid.width / width, grid.height / height))
 
 
-def _keep_budget(
+def _strongest(
     features: Keypoints, recipe: Recipe, facts: DomainFacts, taken: int = 0
 ) -> Keypoints:
     """Return the features that the node budget leaves room for beside `taken` other nodes."""
     budget = recipe.node_budget(facts.valid_pixels)
     if budget is None or len(features) + taken <= budget:
         return features
-    if taken >= budget:
-        _warn(f"the outline alone takes {taken} nodes, more than the {budget} asked for")
     room = max(budget - taken, 0)
     # The cells depend on the budget alone, so both calls choose in the same order.
     return features.take(spread_evenly(features, budget, float(facts.valid_pixels))[:room])
@@ -132,22 +153,38 @@ def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, Do
     if recipe.domain == "image":
         return _frame(grid, valid_pixels)
     outline = trace(detection.survey.turns)
-    outline, islands, holes = drop_small_loops(outline, recipe.min_hole)
-    if islands or holes:
-        small = f"smaller than {recipe.min_hole} pixels (min_hole)"
-        told = (f"{holes} holes of nodata {small} were bridged" if holes else "") + (
-            " and " if holes and islands else ""
-        )
-        _warn(told + (f"{islands} islands of data {small} were dropped" if islands else ""))
+    outline, dropped = drop_small_loops(outline, recipe.min_hole)
     loops = domains.simplify(outline, grid.extent)
     return loops, domains.describe(
         "valid",
         loops,
         valid_pixels=valid_pixels,
         pixels=int(outline.areas().sum()),
-        islands_dropped=islands,
-        holes_bridged=holes,
+        islands_dropped=dropped.islands,
+        holes_bridged=dropped.holes,
+        pixels_dropped=dropped.pixels,
     )
+
+
+def _inside(points: NDArray[np.float64], loops: Loops) -> NDArray[np.bool_]:
+    """Tell which points (N, 2) lie inside the loops: those that a triangulation can use."""
+    border = np.concatenate(loops)
+    distinct, position = np.unique(np.vstack([border, points]), axis=0, return_inverse=True)
+    position = position.ravel()
+    segments = position[_around(loops)]
+    used = np.zeros(len(distinct), np.bool_)
+    used[constrained_delaunay(distinct, segments).used] = True
+    inside: NDArray[np.bool_] = used[position[len(border) :]]
+    return inside
+
+
+def _around(loops: Loops) -> NDArray[np.intp]:
+    """Pairs (S, 2) of consecutive points of each loop, counted through all loops."""
+    sizes = np.array([len(loop) for loop in loops], int)
+    ends = np.cumsum(sizes)
+    following = np.arange(1, sizes.sum() + 1)
+    following[ends - 1] = ends - sizes
+    return np.column_stack([np.arange(len(following)), following])
 
 
 def _frame(grid: Grid, valid_pixels: int) -> tuple[Loops, DomainFacts]:
@@ -176,16 +213,12 @@ def _distinct(loops: Loops) -> int:
 def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
     """Merge features and loops into one set of points in canonical order."""
     border = np.concatenate([*loops, np.empty((0, 2))])
-    sizes = np.array([len(loop) for loop in loops], int)
-    ends = np.cumsum(sizes)
-    following = np.arange(1, len(border) + 1)
-    following[ends - 1] = ends - sizes
     points, index = np.unique(
         np.concatenate([border, features.xy])[:, ::-1], axis=0, return_inverse=True
     )
     points = np.ascontiguousarray(points[:, ::-1])
     position = index.ravel()
-    segments = np.column_stack([position[: len(border)], position[following]])
+    segments = position[_around(loops)]
     kind = np.full(len(points), "feature")
     kind[position[: len(border)]] = "border"
     columns = {"kind": kind}
@@ -195,7 +228,3 @@ def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
         column[kind == "border"] = np.nan
         columns[name] = column
     return NodeSet(points, Table(columns), segments.astype(np.int32), facts)
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, GeomeshWarning, stacklevel=2)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +110,14 @@ def find_turns(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Turns:
     return Turns(np.concatenate(xy).astype(np.int64) + corner, np.concatenate(kinds))
 
 
+class Dropped(NamedTuple):
+    """What was left out: islands of data, holes, and the pixels of the islands less the holes'."""
+
+    islands: int
+    holes: int
+    pixels: int
+
+
 def trace(parts: Sequence[Turns]) -> Outline:
     """Join turns into closed loops.
 
@@ -171,15 +180,12 @@ def _follow(
     return visits, starts[: loops + 1]
 
 
-def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, int, int]:
+def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, Dropped]:
     """Return the outline without loops of fewer than `min_hole` pixels.
 
     A loop inside a dropped one is smaller still, so it goes as well. Where all are
     smaller the largest stays, or nothing would be left.
 
-    Returns
-    -------
-    outline, islands dropped, holes bridged
     """
     areas = outline.areas()
     kept = np.abs(areas) >= min_hole
@@ -188,6 +194,9 @@ def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, int, int
     sizes = np.diff(outline.starts)
     rows = np.repeat(kept, sizes)
     starts = np.concatenate([[0], np.cumsum(sizes[kept])])
-    islands = int(np.count_nonzero(~kept & (areas > 0)))
-    holes = int(np.count_nonzero(~kept & (areas < 0)))
-    return Outline(outline.xy[rows], starts, outline.pinned[rows]), islands, holes
+    dropped = Dropped(
+        islands=int(np.count_nonzero(~kept & (areas > 0))),
+        holes=int(np.count_nonzero(~kept & (areas < 0))),
+        pixels=int(areas[~kept].sum()),
+    )
+    return Outline(outline.xy[rows], starts, outline.pinned[rows]), dropped

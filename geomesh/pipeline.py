@@ -5,10 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.metadata import version
 from typing import Any
 
+import cv2
+import numba
 import numpy as np
+import rasterio
 from numpy.typing import NDArray
 
 from geomesh import columns, zonal
@@ -29,7 +31,7 @@ from geomesh.topology import Triangles
 from geomesh.triangulate import constrained_delaunay, delaunay
 
 # What a result may depend on, beside geomesh itself.
-_LIBRARIES = ("numba", "numpy", "opencv-contrib-python-headless", "pythoncdt", "rasterio")
+_LIBRARIES = (cv2, numba, np, rasterio)
 
 
 def mesh_raster(
@@ -84,16 +86,15 @@ def mesh_raster(
     (500, True)
     """
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
-    with warnings.catch_warnings(record=True) as caught, reporting(progress) as report:
-        warnings.simplefilter("always", GeomeshWarning)
-        scene = open_scene(source, bidx=bidx, nodata=nodata, bounds=bounds, mask=mask)
-        for note in scene.notes:
-            warnings.warn(note, GeomeshWarning, stacklevel=1)
-        mesh = mesh_scene(scene, recipe, report)
-    for item in caught:
-        warnings.warn(item.message, item.category, stacklevel=2)
-    told = [str(item.message) for item in caught if issubclass(item.category, GeomeshWarning)]
-    return replace(mesh, metadata={**mesh.metadata, "warnings": told})
+    scene = open_scene(source, bidx=bidx, nodata=nodata, bounds=bounds, mask=mask)
+    # No catching of warnings: filters belong to the process, and other threads may be meshing.
+    for note in scene.notes:
+        warnings.warn(note, GeomeshWarning, stacklevel=2)
+    with reporting(progress) as report:
+        made = mesh_scene(scene, recipe, report)
+    for note in made.metadata["warnings"][len(scene.notes) :]:
+        warnings.warn(note, GeomeshWarning, stacklevel=2)
+    return made
 
 
 def mesh_scene(scene: Scene, recipe: Recipe, progress: Progress) -> Mesh:
@@ -123,13 +124,14 @@ def mesh_scene(scene: Scene, recipe: Recipe, progress: Progress) -> Mesh:
         ),
         metadata={
             "recipe": recipe.to_dict(),
+            "warnings": [*scene.notes, *nodes.notes],
             "source": _describe(scene, names),
             "canny": {"low": detection.thresholds.low, "high": detection.thresholds.high},
             "pixels": {
                 "covered": int(statistics.pixels.sum()),
                 "counted": int(statistics.count.sum()),
             },
-            "versions": {"geomesh": __version__, **{name: version(name) for name in _LIBRARIES}},
+            "versions": {"geomesh": __version__, **{m.__name__: m.__version__ for m in _LIBRARIES}},
         },
     )
 
@@ -166,7 +168,9 @@ def triangulate(
         triangles = triangles[:, [0, 2, 1]]
     # In the order of the edges, as they are read back from a file.
     segments = np.unique(np.sort(new_id[nodes.segments], axis=1), axis=0).reshape(-1, 2)
-    kept = NodeSet(nodes.points[used], nodes.table.take(used), segments, nodes.domain)
+    kept = replace(
+        nodes, points=nodes.points[used], table=nodes.table.take(used), segments=segments
+    )
     return kept, np.ascontiguousarray(triangles)
 
 
@@ -197,6 +201,7 @@ def _describe(scene: Scene, names: Sequence[str]) -> dict[str, Any]:
             name: {"index": band.index, "description": band.description}
             for name, band in zip(names, scene.bands, strict=True)
         },
-        "nodata": scene.nodata,
+        # JSON has no NaN.
+        "nodata": None if scene.nodata is None else str(scene.nodata),
         "area": scene.area.wkt if scene.area is not None else None,
     }

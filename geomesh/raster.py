@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import rasterio
+from affine import Affine
 from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
@@ -60,7 +61,9 @@ class Scene:
     nodata : float or None
         Replaces the file's own nodata value.
     area : shapely geometry or None
-        Area of interest in map coordinates; pixels with their centre outside are invalid.
+        Area of interest in pixel-edge coordinates of the file, on the lattice of nodes:
+        so whichever window is read, a pixel is in it or not. Pixels with their centre
+        outside are invalid.
     notes : tuple of str
         What the user should know about the georeference.
     """
@@ -151,13 +154,13 @@ class _ArrayReader:
         base = self.scene.window
         absolute = replace(window, col=window.col + base.col, row=window.row + base.row)
         rows, cols = absolute.slices()
-        block = array[:, rows, cols][[band.index - 1 for band in self.scene.bands]]
-        if shape is not None:
-            pick = [
-                ((np.arange(n) + 0.5) * size / n).astype(int)
-                for n, size in zip(shape, window.shape, strict=True)
-            ]
-            block = block[:, pick[0][:, None], pick[1]]
+        indexes = [band.index - 1 for band in self.scene.bands]
+        if shape is None:
+            block = array[indexes, rows, cols]
+        else:
+            sides = zip((rows.start, cols.start), shape, window.shape, strict=True)
+            picks = [s + ((np.arange(n) + 0.5) * size / n).astype(int) for s, n, size in sides]
+            block = array[np.ix_(indexes, *picks)]
         valid: NDArray[np.bool_] = ~np.any(np.ma.getmaskarray(block), axis=0)
         bands = np.ma.getdata(block)
         return bands, _valid(self.scene, bands, valid, window)
@@ -221,9 +224,10 @@ def _valid(
     if scene.area is not None:
         from rasterio.features import geometry_mask
 
-        block = scene.grid.window(window).scaled(valid.shape[1], valid.shape[0])
-        inside = geometry_mask([scene.area], valid.shape, block.transform, invert=True)
-        valid &= inside
+        height, width = valid.shape
+        col, row = window.col + scene.window.col, window.row + scene.window.row
+        to_file = Affine(window.width / width, 0, col, 0, window.height / height, row)
+        valid &= geometry_mask([scene.area], valid.shape, to_file, invert=True)
     return valid
 
 

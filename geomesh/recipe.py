@@ -19,6 +19,9 @@ SIFT_SOURCES = ("gray", "edges")
 # Up to this octave a halo of 64 pixels reproduces what the whole image gives.
 LOCAL_OCTAVE = 2
 
+# The widest blur within an octave that is still local: that of SIFT's usual layers.
+LOCAL_BLUR = 1.6 * 2 ** (2 / 3)
+
 # An edge farther away than the halo of a tile could not be seen from it.
 FARTHEST_EDGE = 32
 LARGEST_RESIZE = 32_767
@@ -150,11 +153,12 @@ class Recipe:
     def is_local(self) -> bool:
         """Whether a keypoint depends on its neighbourhood only, so that tiles can find it.
 
-        High octaves blur over the whole image, and SIFT on the edge map needs
+        High octaves and wide blurs look too far, and SIFT on the edge map needs
         hysteresis to be finished first: such recipes take the image as one tile.
         """
         capped = self.sift_max_octave is not None and self.sift_max_octave <= LOCAL_OCTAVE
-        return capped and self.sift_source == "gray"
+        blur = self.sift_sigma * 2 ** (2 / self.sift_octave_layers)
+        return capped and blur <= LOCAL_BLUR and self.sift_source == "gray"
 
     def with_values(self, **values: Any) -> Recipe:
         """Return the recipe with other values; unknown names raise RecipeError."""
@@ -165,7 +169,8 @@ class Recipe:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the recipe as plain JSON values."""
-        return asdict(self)
+        values = asdict(self)
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
 
     def to_json(self) -> str:
         """Return the recipe as a JSON document."""

@@ -9,6 +9,7 @@ import numpy as np
 import pythoncdt
 from numpy.typing import NDArray
 
+from geomesh.errors import CertificateError, one_line
 from geomesh.jit import kernel
 from geomesh.topology import Triangles
 
@@ -66,13 +67,19 @@ def constrained_delaunay(
 
     Raises
     ------
-    RuntimeError
+    CertificateError
         If segments cross.
     """
     engine, order = _engine(points)
     place = np.empty(len(order), np.uintc)
     place[order] = np.arange(len(order), dtype=np.uintc)
-    engine.insert_edges(place[segments])
+    try:
+        engine.insert_edges(place[segments])
+    except RuntimeError as error:
+        raise CertificateError(
+            f"the outline of the data crosses itself ({one_line(error)}). This is a defect of "
+            "geomesh: please report it with the source raster"
+        ) from error
     engine.erase_outer_triangles_and_holes()
     return _finish(engine, order, auxiliary=0)
 

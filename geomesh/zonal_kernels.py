@@ -80,10 +80,10 @@ def _moments(values: NDArray[Any], members: NDArray[np.int32]) -> tuple[float, f
     correction subtracted at the end is of the order of the sum itself. For whole
     numbers of up to 16 bits every sum is exact.
     """
-    start = float(values[members[0]])
+    start = np.float64(values[members[0]])
     total, squares, low, high = 0.0, 0.0, start, start
     for member in members:
-        value = float(values[member])
+        value = np.float64(values[member])
         difference = value - start
         total += difference
         squares += difference * difference
@@ -144,5 +144,5 @@ def blend(
                     weight = (1 - abs(x - col)) * (1 - abs(y - row))
                     total += weight
                     for band in range(len(bands)):
-                        values[band, p] += weight * bands[band, row, col]
+                        values[band, p] += weight * np.float64(bands[band, row, col])
         values[:, p] /= total if total > 0 else np.nan

@@ -14,6 +14,7 @@ from geomesh.detect import ArrayGray, canny_thresholds, detect
 from geomesh.edges import Thresholds, canny, tile_edges, unite
 from geomesh.grid import Window
 from geomesh.keypoints import Keypoints, detect_sift, labels_around, spread_evenly, thin
+from geomesh.preprocess import fill_invalid
 from geomesh.recipe import Recipe
 from geomesh.tiles import plan_tiles
 
@@ -74,7 +75,12 @@ def edges_by_tiles(gray, thresholds, core, halo):
     tiles = plan_tiles(extent, core=core, halo=halo)
     found = [
         tile_edges(
-            gray[tile.read.slices()], tile, thresholds, image_width=extent.width, seam=min(halo, 2)
+            gray[tile.read.slices()],
+            np.ones(tile.read.shape, bool),
+            tile,
+            thresholds,
+            image_width=extent.width,
+            seam=min(halo, 2),
         )
         for tile in tiles
     ]
@@ -241,3 +247,57 @@ def test_labels_around_a_point_are_those_within_the_distance(seed, distance):
         centre = np.floor(point) + 0.5
         near = np.hypot(col + 100.5 - centre[0], row + 50.5 - centre[1]) <= distance
         assert set(row_found[row_found > 0]) == set(labels[row[near], col[near]])
+
+
+def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
+    """Columns 900 to 2200 are nodata: the middle tile reads nothing at all."""
+    bands = mirrored(SAMPLES / "iguacu_landsat8_rgb_uint16.tif", 3300, 600)
+    gray = cv2.normalize(bands[0], None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    valid = np.ones(gray.shape, bool)
+    valid[:, 900:2200] = False
+    recipe = Recipe()
+
+    class Scene:
+        """A gray image that is filled window by window, as that of a scene."""
+
+        extent = Window(0, 0, 3300, 600)
+
+        def read(self, window):
+            block = window.slices()
+            return fill_invalid(gray[block], valid[block]), valid[block]
+
+    tiled = thin(detect(Scene(), recipe, silent).keypoints, stage.SEAM)
+    whole = thin(in_one_tile(monkeypatch, Scene(), recipe).keypoints, stage.SEAM)
+    assert cKDTree(whole.xy).query(tiled.xy)[0].max() < 0.01
+    # One within rounding of the contrast threshold may be found by one and not the other.
+    distance, _ = cKDTree(tiled.xy).query(whole.xy)
+    lost = whole.take(distance > 0.01)
+    assert len(lost) <= 2
+    assert (lost.response < 1.01 * whole.response.min()).all()
+
+
+def test_thresholds_are_found_where_data_are_sparse(large):
+    """A patch of data that none of the sampled blocks meets."""
+    gray, valid = np.zeros((3000, 3000), np.uint8), np.zeros((3000, 3000), bool)
+    gray[:110, :110], valid[:110, :110] = large[:110, :110], True
+    found = canny_thresholds(ArrayGray(gray, valid), Recipe())
+    cropped = canny_thresholds(ArrayGray(gray[:110, :110], valid[:110, :110]), Recipe())
+    assert found.high == pytest.approx(cropped.high, rel=0.1)
+
+
+@pytest.mark.parametrize("distance", [1.5, 20])
+def test_little_is_remembered_of_the_edges_around_keypoints(large, distance):
+    """What other tiles have a say in, not the whole disc around every keypoint."""
+    image, recipe = ArrayGray(large, np.ones(large.shape, bool)), Recipe(edge_distance=distance)
+    tile = plan_tiles(image.extent)[0]
+    part = stage._detect_tile(tile, image, recipe, canny_thresholds(image, recipe))
+    assert len(part.keypoints) > 5000
+    assert len(part.open_label) < 0.1 * len(part.keypoints)
+
+
+@pytest.mark.parametrize(
+    "values", [{"sift_max_octave": 3}, {"sift_sigma": 3.0}, {"sift_source": "edges"}]
+)
+def test_recipes_that_look_far_take_the_image_as_one_tile(values):
+    assert Recipe().is_local
+    assert not Recipe(**values).is_local

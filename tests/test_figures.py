@@ -80,3 +80,10 @@ def test_a_picture_that_cannot_be_written_is_refused(olinda, tmp_path, name):
     with pytest.raises(OutputError, match="figure"):
         save_picture(figure, tmp_path / name)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_narrow_image_makes_a_page_of_sensible_size():
+    image = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 3, 1500)
+    figure = draw_stages(stages_of((image, None, None)))
+    width, height = figure.get_size_inches()
+    assert max(width, height) < 20

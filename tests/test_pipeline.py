@@ -2,7 +2,9 @@
 
 import pickle
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
+import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
@@ -10,6 +12,7 @@ from affine import Affine
 from conftest import SAMPLES, mirrored
 from rasterio.features import rasterize
 from scipy.spatial import cKDTree
+from shapely import Polygon
 
 import geomesh
 from geomesh import pipeline
@@ -273,3 +276,50 @@ def test_band_descriptions_say_what_to_show_as_colour():
     )
     told = [[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in six.triangle_table["color"]]
     assert np.abs(np.array(told) - means).max() <= 0.5
+
+
+def test_an_area_of_interest_does_not_depend_on_the_tiles():
+    """A zigzag border along the seam of two tiles, through many pixel centres."""
+    rng = np.random.default_rng(5)
+    image = rng.integers(0, 255, (1100, 1100), np.uint8)
+    transform = Affine(0.1, 0, -37.3, 0, -0.1, 12.7)
+    y = np.linspace(0, 1100, 500)
+    x = 1024 + rng.integers(-3, 4, 500) * 0.5
+    ring = [(0, 0), *np.column_stack([x, y]), (0, 1100)]
+    corners = [(0.1 * a - 37.3, -0.1 * b + 12.7) for a, b in ring]
+    area = gpd.GeoSeries([Polygon(corners)])
+    mesh = geomesh.mesh_raster((image, transform, None), mask=area, nodes=3000, min_hole=1)
+    assert mesh.certify().passed
+    assert mesh.triangle_table["count"].sum() == mesh.domain.valid_pixels == mesh.domain.pixels
+
+
+def test_statistics_of_float32_are_taken_in_float64():
+    with rasterio.open(SAMPLES / "colorado_dem_float32_epsg4269.tif") as dataset:
+        band, transform = dataset.read(1), dataset.transform
+    single = geomesh.mesh_raster((band, transform, "EPSG:4269"), nodes=100)
+    double = geomesh.mesh_raster((band.astype(float), transform, "EPSG:4269"), nodes=100)
+    for name in ("b1_mean", "b1_std"):
+        np.testing.assert_array_equal(single.triangle_table[name], double.triangle_table[name])
+
+
+def test_threads_do_not_get_each_others_warnings():
+    names = ["sanfrancisco_landsat7_nrg_uint8.tif", "olinda_landsat7_rgb_uint8.tif"] * 4
+    alone = {name: geomesh.mesh_raster(SAMPLES / name) for name in set(names)}
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda name: geomesh.mesh_raster(SAMPLES / name), names))
+    for name, mesh in zip(names, together, strict=True):
+        assert mesh.metadata["warnings"] == alone[name].metadata["warnings"]
+        assert_identical(mesh, alone[name])
+
+
+@pytest.mark.parametrize("budget", [400, 500])
+def test_features_outside_the_domain_take_nothing_from_the_budget(budget):
+    mesh = geomesh.mesh_raster(
+        SAMPLES / "rmnp_rgb.tif", preset="paper", domain="valid", nodes=budget
+    )
+    assert len(mesh.nodes) == budget
+
+
+def test_a_threshold_beyond_every_gradient_finds_nothing(olinda):
+    mesh = geomesh.mesh_raster(olinda, canny_high=1e200)
+    assert "no keypoints" in mesh.metadata["warnings"][0]

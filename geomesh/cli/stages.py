@@ -49,9 +49,9 @@ def stages(
         recipe = build_recipe(**recipe_options)
         check_picture(output, overwrite=overwrite)
         scene = open_scene(source, **reading)
-        for note in scene.notes:
-            console.warn(note)
         found = run_stages(scene, recipe, report)
+        for note in found.mesh.metadata["warnings"]:
+            console.warn(note)
         save_picture(draw_stages(found, Path(source).name), output, overwrite=overwrite)
     outcome: dict[str, Any] = {"source": source, "error": "".join(failures[:1])}
     if not failures:
