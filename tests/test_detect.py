@@ -269,11 +269,12 @@ def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
     tiled = thin(detect(Scene(), recipe, silent).keypoints, stage.SEAM)
     whole = thin(in_one_tile(monkeypatch, Scene(), recipe).keypoints, stage.SEAM)
     assert cKDTree(whole.xy).query(tiled.xy)[0].max() < 0.01
-    # One within rounding of the contrast threshold may be found by one and not the other.
+    # On the axes of the mirrored image extrema are ties, which rounding decides.
     distance, _ = cKDTree(tiled.xy).query(whole.xy)
-    lost = whole.take(distance > 0.01)
+    lost = whole.xy[distance > 0.01]
     assert len(lost) <= 2
-    assert (lost.response < 1.01 * whole.response.min()).all()
+    on_axis = np.abs((lost - 512.5 + 256) % 512 - 256).min(axis=1) < 0.01
+    assert on_axis.all()
 
 
 def test_thresholds_are_found_where_data_are_sparse(large):
