@@ -14,7 +14,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geomesh.certificate import Certificate, DomainFacts, certify
+from geomesh.certificate import Certificate, DomainFacts
+from geomesh.checks import certify
 from geomesh.errors import MissingExtraError
 from geomesh.grid import Grid, Points
 from geomesh.quality import Quality, measure
@@ -128,7 +129,7 @@ class Mesh:
         return measure(self.plane_nodes, self.triangles, size=(width, height))
 
     def certify(self) -> Certificate:
-        """Check the mesh and return what was checked (see `geomesh.certificate`)."""
+        """Check the mesh and return what was checked (see `geomesh.checks`)."""
         pixels = self.metadata.get("pixels", {})
         return certify(
             self.nodes,

@@ -31,9 +31,9 @@ class TilePartial:
     Parameters
     ----------
     index : int32 (K,)
-        The triangles that own a pixel of the tile's core, each once.
+        The triangles that may own a pixel of the tile's core, each once.
     pixels, count : int64 (K,)
-        Pixels of the core that they own, and the valid ones among them.
+        Pixels of the core that they do own, and the valid ones among them.
     moments : float64 (4, B, K)
         Mean, sum of squared deviations from it, least and greatest value of the
         valid pixels; without meaning where the count is 0.
@@ -129,17 +129,17 @@ def measure_tile(
     box = (core.row, core.stop_row, core.col, core.stop_col)
     flat = bands.reshape(len(bands), -1)
     scan_triangles(nodes, triangles, near, flat, valid, origin, box, pixels, count, moments)
-    owning, without = pixels > 0, near[count == 0]
+    without = near[count == 0]
     centroids = nodes[triangles[without]].mean(axis=1)
     held = _inside(centroids, window, core)
     mine = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
     node_values = np.empty((len(bands), len(mine)))
     blend(nodes[mine], bands, valid, origin, node_values)
     return TilePartial(
-        index=near[owning],
-        pixels=pixels[owning],
-        count=count[owning],
-        moments=moments[:, :, owning],
+        index=near,
+        pixels=pixels,
+        count=count,
+        moments=moments,
         centroid_index=without[held],
         centroid_values=_sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
         node_index=mine,

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from geomesh.certificate import Certificate, DomainFacts, certify
+from geomesh.certificate import Certificate, DomainFacts
+from geomesh.checks import certify
 from geomesh.errors import CertificateError
 from geomesh.topology import build_edges, neighbours
 
