@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -18,11 +17,11 @@ from geomesh.edges import (
     tile_edges,
     unite,
 )
+from geomesh.grayimage import ArrayGray, GrayImage
 from geomesh.grid import Window
 from geomesh.keypoints import Keypoints, detect_sift, labels_around
 from geomesh.outline import Turns, find_turns
-from geomesh.preprocess import Gray, Tone, resize, sobel_enhance
-from geomesh.raster import Reader
+from geomesh.preprocess import Gray, resize
 from geomesh.recipe import Recipe
 from geomesh.tiles import HALO, Progress, Tile, map_tiles, part_of, plan_tiles
 
@@ -35,50 +34,6 @@ _SAMPLE_SIZE = 1024
 _SAMPLE_BLOCK = 256
 _SAMPLE_BLOCKS = 16
 _SAMPLE_PIXELS = 65_536
-
-
-class GrayImage(Protocol):
-    """An 8-bit image that can be read by windows."""
-
-    @property
-    def extent(self) -> Window:
-        """The window of all pixels."""
-
-    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
-
-
-@dataclass(frozen=True)
-class SceneGray:
-    """The scene's gray image, made window by window."""
-
-    reader: Reader
-    tone: Tone
-    sobel: bool
-    extent: Window
-
-    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
-        bands, valid = self.reader.read(window)
-        gray = self.tone.gray(bands, valid)
-        return (sobel_enhance(gray) if self.sobel else gray), valid
-
-
-@dataclass(frozen=True)
-class ArrayGray:
-    """A gray image in memory."""
-
-    gray: Gray
-    valid: NDArray[np.bool_]
-
-    @property
-    def extent(self) -> Window:
-        """The window of all pixels."""
-        return Window(0, 0, self.gray.shape[1], self.gray.shape[0])
-
-    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
-        return self.gray[window.slices()], self.valid[window.slices()]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.detect import ArrayGray, GrayImage, SceneGray, canny_thresholds, shrink
+from geomesh.detect import canny_thresholds, shrink
 from geomesh.edges import canny
 from geomesh.errors import MissingExtraError, OutputError
+from geomesh.grayimage import ArrayGray, GrayImage, SceneGray
 from geomesh.grid import Window
 from geomesh.io.atomic import check_place, staged
 from geomesh.mesh import Mesh

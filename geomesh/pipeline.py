@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from geomesh import columns, zonal
 from geomesh._version import __version__
-from geomesh.detect import SceneGray, detect
+from geomesh.detect import detect
 from geomesh.errors import GeomeshWarning
+from geomesh.grayimage import SceneGray
 from geomesh.grid import Grid
 from geomesh.mesh import Mesh
 from geomesh.nodes import NodeSet, place_nodes

@@ -7,31 +7,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from geomesh.errors import RecipeError
+from geomesh.rules import RULES, STATISTICS
 
-GRAY_METHODS = ("auto", "luma", "mean", "pca")
-DOMAINS = ("valid", "image", "hull")
-SIFT_SOURCES = ("gray", "edges")
 # Up to this octave a halo of 64 pixels reproduces what the whole image gives.
 LOCAL_OCTAVE = 2
 
 # The widest blur within an octave that is still local: that of SIFT's usual layers.
 LOCAL_BLUR = 1.6 * 2 ** (2 / 3)
 
-# An edge farther away than the halo of a tile could not be seen from it.
-FARTHEST_EDGE = 32
-LARGEST_RESIZE = 32_767
-_LARGEST_NUMBER = 1e300
-
 # Parameters that JSON gives as lists.
 _TUPLES = ("stretch", "resize", "statistics")
-
-Rule = tuple[Callable[[Any], bool], str]
-STATISTICS = ("mean", "std", "min", "max")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +114,7 @@ class Recipe:
             if isinstance(value, list) and field.name in _TUPLES:
                 value = tuple(map(_plain, value))
             object.__setattr__(self, field.name, _plain(value))
-        for name, (holds, expected) in _RULES.items():
+        for name, (holds, expected) in RULES.items():
             value = getattr(self, name)
             if not holds(value):
                 raise RecipeError(f"{name} is {value!r}: expected {expected}")
@@ -207,85 +197,6 @@ def _plain(value: Any) -> Any:
 def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise RecipeError(f"{name} is {value!r}: choose from {', '.join(choices)}")
-
-
-def _is_number(value: Any) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and abs(value) < _LARGEST_NUMBER
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _is_gray(value: Any) -> bool:
-    if not isinstance(value, str):
-        return False
-    number = value.removeprefix("band:")
-    return value in GRAY_METHODS or (number != value and number.isdecimal() and int(number) > 0)
-
-
-def _is_stretch(value: Any) -> bool:
-    pair = isinstance(value, tuple) and len(value) == 2 and all(map(_is_number, value))
-    return pair and 0 <= value[0] < value[1] <= 100
-
-
-def _is_size(value: Any) -> bool:
-    pair = isinstance(value, tuple) and len(value) == 2 and all(map(_is_whole, value))
-    return pair and min(value) >= 1 and max(value) <= LARGEST_RESIZE
-
-
-def _one_of(choices: tuple[str, ...]) -> Rule:
-    return lambda value: isinstance(value, str) and value in choices, f"one of {', '.join(choices)}"
-
-
-_TEXT: Rule = (lambda value: isinstance(value, str), "a name")
-_FLAG: Rule = (lambda value: isinstance(value, bool), "true or false")
-_NOT_NEGATIVE: Rule = (lambda value: _is_number(value) and value >= 0, "a number, 0 or more")
-_POSITIVE: Rule = (lambda value: _is_number(value) and value > 0, "a number above 0")
-_OPTIONAL: Rule = (
-    lambda value: value is None or (_is_number(value) and value >= 0),
-    "a number, 0 or more, or null",
-)
-
-_RULES: Mapping[str, Rule] = {
-    "preset": _TEXT,
-    "gray": (_is_gray, f"one of {', '.join(GRAY_METHODS)} or band:N"),
-    "stretch": (_is_stretch, "two rising percentiles such as [2, 98]"),
-    "stretch_gray": _FLAG,
-    "sobel": _FLAG,
-    "resize": (
-        lambda value: value is None or _is_size(value),
-        f"a width and a height of 1 to {LARGEST_RESIZE} pixels such as [256, 256], or null",
-    ),
-    "canny_low": _OPTIONAL,
-    "canny_high": _OPTIONAL,
-    "canny_l2": _FLAG,
-    "sift_source": _one_of(SIFT_SOURCES),
-    "sift_max_octave": (
-        lambda value: value is None or (_is_whole(value) and value >= -1),
-        "a whole number, -1 or more, or null",
-    ),
-    "sift_octave_layers": (lambda value: _is_whole(value) and value > 0, "a whole number above 0"),
-    "sift_contrast_threshold": _NOT_NEGATIVE,
-    "sift_edge_threshold": _POSITIVE,
-    "sift_sigma": _POSITIVE,
-    "edge_distance": (
-        lambda value: value is None or (_is_number(value) and 0 <= value <= FARTHEST_EDGE),
-        f"a number from 0 to {FARTHEST_EDGE}, or null",
-    ),
-    "min_spacing": _NOT_NEGATIVE,
-    "domain": _one_of(DOMAINS),
-    "border_spacing": (
-        lambda value: value is None or (_is_number(value) and value > 0),
-        "a number above 0, or null",
-    ),
-    "min_hole": (lambda value: _is_whole(value) and value >= 0, "a whole number, 0 or more"),
-    "statistics": (
-        lambda value: isinstance(value, tuple) and all(name in STATISTICS for name in value),
-        f"some of {', '.join(STATISTICS)}",
-    ),
-}
 
 
 PRESETS: Mapping[str, Recipe] = {

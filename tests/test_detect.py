@@ -10,8 +10,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
 from geomesh import detect as stage
-from geomesh.detect import ArrayGray, canny_thresholds, detect
+from geomesh.detect import canny_thresholds, detect
 from geomesh.edges import Thresholds, canny, tile_edges, unite
+from geomesh.grayimage import ArrayGray
 from geomesh.grid import Window
 from geomesh.keypoints import Keypoints, detect_sift, labels_around, spread_evenly, thin
 from geomesh.preprocess import fill_invalid

@@ -14,15 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geomesh.errors import RecipeError
-from geomesh.recipe import (
+from geomesh.recipe import PRESETS, Recipe
+from geomesh.rules import (
     DOMAINS,
     FARTHEST_EDGE,
     GRAY_METHODS,
     LARGEST_RESIZE,
-    PRESETS,
     SIFT_SOURCES,
     STATISTICS,
-    Recipe,
 )
 
 NAMES = tuple(field.name for field in fields(Recipe))

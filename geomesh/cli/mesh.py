@@ -17,7 +17,7 @@ import click
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import build_recipe, output_options, raster_options, words
 from geomesh.errors import OutputError
-from geomesh.recipe import STATISTICS
+from geomesh.rules import STATISTICS
 
 
 @dataclass(frozen=True)

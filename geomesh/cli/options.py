@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 import click
 
 from geomesh.errors import RecipeError
-from geomesh.recipe import DOMAINS, PRESETS, Recipe
+from geomesh.recipe import PRESETS, Recipe
+from geomesh.rules import DOMAINS
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
