@@ -37,6 +37,7 @@ _NODE_COLOR = "#ffd200"
 _EDGE_COLOR = "#ffffff"
 _INK = "#222222"
 _PAPER = "#e4e4e4"
+_BRIGHTEST = 99
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
     axes[2].scatter(
         *features.T, s=_marker_size(len(features)), c=_NODE_COLOR, edgecolors=_INK, linewidths=0.3
     )
-    axes[3].imshow(stages.image, extent=(0, width, height, 0))
+    axes[3].imshow(_brightened(stages.image), extent=(0, width, height, 0))
     _draw_edges(axes[3], mesh.plane_nodes, mesh.edges.nodes)
     labels = (
         f"Grayscale, {width} × {height} pixels",
@@ -142,7 +143,7 @@ def plot_mesh(
     edgecolor: str | None = None,
     path: str | PathLike[str] | None = None,
 ) -> Axes:
-    """Draw the triangles of a mesh on the map.
+    """Draw the triangles of a mesh on the map; dark images are brightened.
 
     Parameters
     ----------
@@ -179,7 +180,10 @@ def plot_mesh(
     values = attributes[column]
     style: dict[str, Any] = {"edgecolors": edgecolor or "#ffffff59", "linewidths": 0.25}
     if column == "color":
-        triangles = collections.PolyCollection(corners, facecolors=values, **style)
+        from matplotlib.colors import to_rgba_array
+
+        shown = _brightened(255 * to_rgba_array(values)[:, :3]) / 255
+        triangles = collections.PolyCollection(corners, facecolors=shown, **style)
     else:
         triangles = collections.PolyCollection(corners, array=values, cmap=cmap, **style)
         figure.colorbar(triangles, ax=ax, label=column, shrink=0.7)
@@ -202,6 +206,16 @@ def plot_mesh(
     if path is not None:
         save_picture(figure, path, overwrite=True)
     return ax
+
+
+def _brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return 8-bit colours (..., 3), those of a dark image scaled up together.
+
+    Raw 8-bit satellite bands use the lower part of the range only; what is bright
+    enough stays as it is.
+    """
+    greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
+    return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
 
 
 def _draw_edges(ax: Axes, nodes: NDArray[np.float64], edges: NDArray[np.integer]) -> None:

@@ -62,8 +62,9 @@ def test_a_mesh_drawn_on_the_map_has_the_colours_of_the_image(olinda, tmp_path):
     picture = imread(path)[..., :3]
     height, width, _ = picture.shape
     middle_part = picture[height // 4 : height // 2, width // 4 : width // 2]
-    expected = np.array([mesh.triangle_table[f"{c}_mean"].mean() for c in ("red", "green", "blue")])
-    assert np.abs(middle_part.mean(axis=(0, 1)) - expected / 255).max() < 0.2
+    means = np.array([mesh.triangle_table[f"{c}_mean"] for c in ("red", "green", "blue")])
+    expected = means.mean(axis=1) / np.percentile(means, 99)  # a dark scene, brightened
+    assert np.abs(middle_part.mean(axis=(0, 1)) - expected).max() < 0.2
 
 
 def test_any_numeric_column_can_be_drawn(olinda, tmp_path):
