@@ -200,7 +200,13 @@ def test_help_shows_examples(command):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["mesh"], ["mesh", OLINDA], ["mesh", OLINDA, "-o", "x.gpkg", "--bidx", "a"], ["nope"]],
+    [
+        ["mesh"],
+        ["mesh", OLINDA],
+        ["mesh", OLINDA, "-o", "x.gpkg", "--bidx", "a"],
+        ["mesh", OLINDA, "-o", "x.gpkg", "--progress", "jsonl", "--json"],
+        ["nope"],
+    ],
 )
 def test_wrong_usage_exits_with_2(arguments):
     done = subprocess.run(

@@ -131,6 +131,8 @@ class JsonLines:
 
 def open_console(style: str | None, *, quiet: bool = False) -> Console:
     """Return the console for a `--progress` style; `quiet` leaves out the text of results."""
+    if style == "jsonl" and quiet:
+        raise click.UsageError("--progress jsonl and --json both write to stdout: choose one")
     if style is None:
         style = "bar" if sys.stderr.isatty() else "none"
     return JsonLines() if style == "jsonl" else People(bar=style == "bar", quiet=quiet)
