@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from geomesh.grid import Points, Window
 from geomesh.table import read_only
 from geomesh.topology import Triangles
-from geomesh.zonal_kernels import add, blend, scan_triangles
+from geomesh.zonal_kernels import add, blend, near_box, scan_triangles
 
 Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -122,7 +122,7 @@ def measure_tile(
     if window.clip(core) != core:
         raise ValueError(f"the core {core} is not inside {window}")
     bands, valid = _native(bands), np.ascontiguousarray(valid, dtype=np.bool_)
-    near = _near(nodes, triangles, core)
+    near = near_box(nodes, triangles, (core.col, core.stop_col, core.row, core.stop_row))
     pixels, count = np.zeros((2, len(near)), np.int64)
     moments = np.zeros((4, len(bands), len(near)))
     origin = (window.row, window.col)
@@ -178,18 +178,6 @@ def _native(bands: NDArray[Any]) -> NDArray[Any]:
     if bands.dtype.kind not in "iuf" or bands.dtype.itemsize > 8 or bands.dtype == np.float16:
         bands = bands.astype(np.float64)
     return np.ascontiguousarray(bands, dtype=bands.dtype.newbyteorder("="))
-
-
-def _near(nodes: Points, triangles: Triangles, core: Window) -> Ids:
-    """Return the triangles whose bounding box meets the core.
-
-    A box misses it if all three corners lie beyond the same side.
-    """
-    x, y = nodes.T
-    sides = (x < core.col, x > core.stop_col, y < core.row, y > core.stop_row)
-    beyond = np.packbits(sides, axis=0)[0]
-    missed = beyond[triangles[:, 0]] & beyond[triangles[:, 1]] & beyond[triangles[:, 2]]
-    return np.flatnonzero(missed == 0).astype(np.int32)
 
 
 def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:

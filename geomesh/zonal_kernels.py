@@ -19,6 +19,23 @@ Counts = NDArray[np.int64]
 
 
 @kernel
+def near_box(nodes: Points, triangles: Triangles, box: tuple[int, int, int, int]) -> Ids:
+    """Return the triangles whose bounding box meets the box (left, right, top, bottom)."""
+    left, right, top, bottom = box
+    found = np.empty(len(triangles), np.int32)
+    count = 0
+    for t in range(len(triangles)):
+        ax, ay = nodes[triangles[t, 0], 0], nodes[triangles[t, 0], 1]
+        bx, by = nodes[triangles[t, 1], 0], nodes[triangles[t, 1], 1]
+        cx, cy = nodes[triangles[t, 2], 0], nodes[triangles[t, 2], 1]
+        beside = min(ax, bx, cx) > right or max(ax, bx, cx) < left
+        if not (beside or min(ay, by, cy) > bottom or max(ay, by, cy) < top):
+            found[count] = t
+            count += 1
+    return found[:count].copy()
+
+
+@kernel
 def scan_triangles(
     nodes: Points,
     triangles: Triangles,
