@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.metadata import version
 from typing import Any
 
 import cv2
@@ -132,7 +133,11 @@ def mesh_scene(scene: Scene, recipe: Recipe, progress: Progress) -> Mesh:
                 "covered": int(statistics.pixels.sum()),
                 "counted": int(statistics.count.sum()),
             },
-            "versions": {"geomesh": __version__, **{m.__name__: m.__version__ for m in _LIBRARIES}},
+            "versions": {
+                "geomesh": __version__,
+                "pythoncdt": version("pythoncdt"),
+                **{library.__name__: library.__version__ for library in _LIBRARIES},
+            },
         },
     )
 

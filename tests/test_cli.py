@@ -223,3 +223,13 @@ def test_debug_shows_the_traceback(tmp_path):
     )
     assert done.returncode == 1
     assert "Traceback" in done.stderr
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_batch_that_makes_nothing_leaves_the_folders_as_they_were(tmp_path, there):
+    folder = tmp_path / "meshes"
+    if there:
+        folder.mkdir()
+    run("mesh", "missing.tif", "nowhere.tif", "-o", folder, code=1)
+    run("mesh", "missing.tif", "-o", f"{folder}/", code=1)
+    assert folder.exists() == there

@@ -675,7 +675,9 @@ def small_disk(tmp_path: Path):
     except OSError:
         mounted = False
     if not mounted:
-        pytest.skip("mounting is not permitted")
+        pytest.skip(
+            "only a superuser may mount; test_limit_on_file_size_is_told_in_one_line stands in"
+        )
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
 

@@ -83,11 +83,13 @@ def mesh(
     """
     console = open_console(progress, quiet=as_json)
     jobs: list[Job] = []
+    folder, made_folder = None, False
     outcomes: list[dict[str, Any]] = []
     with guarded(console, debug) as failures:
         recipe = build_recipe(**recipe_options)
-        planned = _plan(sources, output, driver)
+        planned, folder = _plan(sources, output, driver)
         _keep_inputs(planned, [*sources, reading["mask"], recipe_options["recipe_file"]])
+        made_folder = folder is not None and _make_folder(folder)
         jobs = planned
     for job in jobs:
         console.start("mesh", job.source)
@@ -126,7 +128,9 @@ def mesh(
             f"{job.output}: {figures['nodes']:,} nodes, {figures['triangles']:,} triangles, "
             "certified",
         )
-    _remove_if_empty(jobs)
+    if made_folder and folder is not None:
+        with suppress(OSError):  # it holds a mesh
+            folder.rmdir()
     if as_json:
         click.echo(json.dumps({"results": outcomes, "failed": len(failures)}, indent=2))
     elif len(jobs) > 1 and progress != "jsonl":
@@ -134,11 +138,14 @@ def mesh(
     sys.exit(1 if failures else 0)
 
 
-def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
-    """Return the jobs; OUT is a folder if it ends like one, is one, or there are several SRC."""
+def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list[Job], Path | None]:
+    """Return the jobs and, where OUT is a folder, that folder.
+
+    It is one if it ends like one, is one already, or if there are several SRC.
+    """
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
-        return [Job(sources[0], folder)]
+        return [Job(sources[0], folder)], None
     from geomesh.io.vector import find_format
 
     if folder.suffix.lower() in _extensions() and not folder.is_dir():
@@ -158,21 +165,22 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> list[Job]:
             f"several rasters are called {twice[0]!r}: their meshes would overwrite each other "
             f"in {output}; mesh them into different folders"
         )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"the folder {output} cannot be made: {error.strerror}") from error
-    return [
+    jobs = [
         Job(source, folder / f"{name}{extension}")
         for source, name in zip(sources, names, strict=True)
     ]
+    return jobs, folder
 
 
-def _remove_if_empty(jobs: Sequence[Job]) -> None:
-    """Remove the folder of a batch that made nothing."""
-    with suppress(OSError):
-        if len(jobs) > 1:
-            jobs[0].output.parent.rmdir()
+def _make_folder(folder: Path) -> bool:
+    """Make the folder of the outputs; return whether it was not there."""
+    if folder.is_dir():
+        return False
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise OutputError(f"the folder {folder} cannot be made: {error.strerror}") from error
+    return True
 
 
 def _extensions() -> set[str]:

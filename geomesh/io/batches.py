@@ -6,7 +6,7 @@ All geometries of a layer have the same number of vertices, so their WKB (OGC
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from geomesh.grid import Points
 from geomesh.mesh import LayerName, Mesh
 from geomesh.table import Table
+from geomesh.tiles import Progress
 
 BATCH_ROWS = 65_536
 
-Progress = Callable[[float, str], None]
 GeometryType = Literal["Point", "LineString", "Polygon"]
 
 _LITTLE_ENDIAN = 1

@@ -22,12 +22,13 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from geomesh._version import __version__
 from geomesh.errors import OutputError
 from geomesh.io.atomic import check_place, staged
-from geomesh.io.batches import Feed, Layer, Progress
+from geomesh.io.batches import Feed, Layer
 from geomesh.io.document import KEY, describe
 from geomesh.io.geojson import LonLatLayer
 from geomesh.io.geoparquet import BBOX, GEOMETRY, write_geoparquet
 from geomesh.io.verify import count_rows
 from geomesh.mesh import LAYERS, LayerName, Mesh
+from geomesh.tiles import Progress
 
 
 @dataclass(frozen=True)
