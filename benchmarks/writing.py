@@ -15,7 +15,8 @@ import pyogrio
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.io.batches import Feed, Layer
-from geomesh.io.vector import GPKG, _write_gdal, write_mesh
+from geomesh.io.formats import GPKG
+from geomesh.io.vector import _write_gdal, write_mesh
 from geomesh.mesh import LayerName
 
 EXPECTED = 1.5

@@ -15,6 +15,8 @@ from geomesh.zonal import Statistics
 # Columns that the nodes have already; a band must not take the name of one.
 _TAKEN = frozenset(("id", "kind", "col", "row", "scale", "response", "octave", "angle"))
 _TAKEN |= frozenset(("fid", "bbox", "geometry", "geom"))
+# Nor one whose statistics would be called as measures are: ki_min, ki_mean.
+_TAKEN |= frozenset(("ki", "map_ki"))
 _LONGEST_NAME = 40
 
 

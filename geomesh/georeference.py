@@ -18,17 +18,28 @@ from geomesh.grid import IDENTITY, Grid
 NO_CRS = "{} has no CRS: the mesh has none either"
 
 
-def georeference(name: str, dataset: rasterio.DatasetReader) -> tuple[Grid, tuple[str, ...]]:
-    """Return the grid of a dataset, and what the user should know about it."""
-    crs = _crs(name, dataset.crs)
-    if dataset.transform != IDENTITY or crs is not None:
+def georeference(
+    name: str, dataset: rasterio.DatasetReader, given: CRS | None = None
+) -> tuple[Grid, tuple[str, ...]]:
+    """Return the grid of a dataset, and what the user should know about it.
+
+    Parameters
+    ----------
+    name : str
+        What messages call the dataset.
+    dataset : rasterio.DatasetReader
+    given : pyproj.CRS, optional
+        Takes the place of the file's own.
+    """
+    gcps, gcp_crs = dataset.gcps
+    crs = given or _crs(name, dataset.crs)
+    if dataset.transform != IDENTITY or (crs is not None and not gcps):
         notes = () if crs else (NO_CRS.format(name),)
         return _grid(name, dataset, dataset.transform, crs), notes
-    gcps, gcp_crs = dataset.gcps
     pixels = np.array([(gcp.col, gcp.row) for gcp in gcps], np.float64).reshape(-1, 2)
     places = np.array([(gcp.x, gcp.y) for gcp in gcps], np.float64).reshape(-1, 2)
     if _spread(pixels) and _spread(places):
-        fitted = _grid(name, dataset, from_gcps(gcps), _crs(name, gcp_crs))
+        fitted = _grid(name, dataset, from_gcps(gcps), given or _crs(name, gcp_crs))
         offsets = fitted.to_map(pixels) - places
         residual = float(np.sqrt((offsets**2).sum(axis=1).mean()))
         pixel = math.sqrt(abs(fitted.transform.determinant))
@@ -70,5 +81,5 @@ def _crs(name: str, crs: Any) -> CRS | None:
         return CRS.from_authority(*authority) if authority else CRS.from_wkt(crs.to_wkt())
     except Exception as error:
         raise GeoreferenceError(
-            f"{name}: PROJ does not understand its CRS ({one_line(error)}); assign another one"
+            f"{name}: PROJ does not understand its CRS ({one_line(error)}); give another (--crs)"
         ) from error

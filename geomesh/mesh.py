@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
@@ -127,6 +127,17 @@ class Mesh:
     def _image_quality(self) -> Quality:
         width, height = self.plane_size
         return measure(self.plane_nodes, self.triangles, size=(width, height))
+
+    def with_measures(self, space: Literal["image", "map"] = "image") -> Mesh:
+        """Return the mesh with every measure of `quality` as an attribute of its triangles.
+
+        Names of measures in map units begin with ``map_``.
+        """
+        prefix = "map_" if space == "map" else ""
+        shown = self._triangle_attributes()
+        measures = {f"{prefix}{name}": col for name, col in self.quality(space).table.items()}
+        added = {name: values for name, values in measures.items() if name not in shown}
+        return replace(self, triangle_table=self.triangle_table.with_columns(added))
 
     def certify(self) -> Certificate:
         """Check the mesh and return what was checked (see `geomesh.checks`)."""
@@ -260,7 +271,7 @@ class Mesh:
         path : path-like
         layers : iterable of {"triangles", "edges", "nodes"}, optional
             All three by default in a GeoPackage, else the triangles.
-        driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet"}, optional
+        driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
             By the extension of `path` if not given.
         overwrite : bool
             Replace an existing file.

@@ -43,6 +43,7 @@ def mesh_raster(
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
     progress: bool | Progress = False,
@@ -62,6 +63,8 @@ def mesh_raster(
         1-based bands to use; all but alpha by default.
     nodata : float, optional
         Takes the place of the file's own nodata value.
+    crs : str, int or pyproj.CRS, optional
+        Takes the place of the file's own coordinate system; nothing is reprojected.
     bounds : (west, south, east, north), optional
         Box in map coordinates to crop to.
     mask : path, GeoDataFrame or GeoSeries, optional
@@ -88,7 +91,7 @@ def mesh_raster(
     (500, True)
     """
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
-    scene = open_scene(source, bidx=bidx, nodata=nodata, bounds=bounds, mask=mask)
+    scene = open_scene(source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask)
     # No catching of warnings: filters belong to the process, and other threads may be meshing.
     for note in scene.notes:
         warnings.warn(note, GeomeshWarning, stacklevel=2)

@@ -33,6 +33,7 @@ def open_scene(
     *,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
 ) -> Scene:
@@ -46,6 +47,8 @@ def open_scene(
         1-based bands; all but alpha by default.
     nodata : float, optional
         Takes the place of the file's own nodata value.
+    crs : str, int or pyproj.CRS, optional
+        Takes the place of the file's own coordinate system; nothing is reprojected.
     bounds : (west, south, east, north), optional
         Box in map coordinates to crop to. Rows and columns that it touches are kept
         whole; on a turned grid, pixels with their centre in it.
@@ -60,16 +63,17 @@ def open_scene(
         isinstance(bidx, Sequence) and all(isinstance(index, int) for index in bidx)
     ):
         raise BandError(f"bidx is {bidx!r}: give a list of band numbers such as [3, 2, 1]")
+    given = None if crs is None else _parse_crs("the CRS given,", crs)
     if isinstance(source, tuple) and len(source) == 3:
-        scene = _array_scene(source, bidx)
+        scene = _array_scene(source, bidx, given)
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
-        scene = _dataset_scene(source.name, source, source, bidx)
+        scene = _dataset_scene(source.name, source, source, bidx, given)
     elif isinstance(source, str | PathLike):
         name = fspath(source)
         with open_dataset(name) as dataset:
-            scene = _dataset_scene(name, name, dataset, bidx)
+            scene = _dataset_scene(name, name, dataset, bidx, given)
     else:
         raise SourceError(
             f"a {type(source).__name__} is no source: give a path, an open rasterio dataset or "
@@ -81,7 +85,16 @@ def open_scene(
     return scene
 
 
-def _array_scene(source: ArraySource, bidx: Sequence[int] | None) -> Scene:
+def _parse_crs(whose: str, crs: Any) -> CRS:
+    try:
+        return CRS.from_user_input(crs)
+    except CRSError as error:
+        raise GeoreferenceError(
+            f"{whose} {crs!r} is unknown ({one_line(error)}); give a code such as EPSG:32722"
+        ) from error
+
+
+def _array_scene(source: ArraySource, bidx: Sequence[int] | None, given: CRS | None) -> Scene:
     array, transform, crs = source
     array = np.ma.asarray(array) if np.ma.isMaskedArray(array) else np.asarray(array)
     array = array[None] if array.ndim == 2 else array
@@ -92,12 +105,9 @@ def _array_scene(source: ArraySource, bidx: Sequence[int] | None) -> Scene:
         )
     count, height, width = array.shape
     bands = array_bands("the array", array.dtype, count, bidx)
-    try:
-        placed = None if crs is None else CRS.from_user_input(crs)
-    except CRSError as error:
-        raise GeoreferenceError(
-            f"the array's CRS {crs!r} is unknown ({one_line(error)})"
-        ) from error
+    placed = given
+    if placed is None and crs is not None:
+        placed = _parse_crs("the array's CRS", crs)
     if not isinstance(transform, Affine | None):
         raise GeoreferenceError(
             f"the array's transform {transform!r} is no affine.Affine; GDAL's order of the numbers "
@@ -109,7 +119,11 @@ def _array_scene(source: ArraySource, bidx: Sequence[int] | None) -> Scene:
 
 
 def _dataset_scene(
-    name: str, source: Any, dataset: rasterio.DatasetReader, bidx: Sequence[int] | None
+    name: str,
+    source: Any,
+    dataset: rasterio.DatasetReader,
+    bidx: Sequence[int] | None,
+    given: CRS | None,
 ) -> Scene:
     if dataset.count == 0:
         raise SourceError(
@@ -117,5 +131,5 @@ def _dataset_scene(
             f"{', '.join(dataset.subdatasets[:3]) or 'none found'}"
         )
     bands, dtype = dataset_bands(name, dataset, bidx)
-    grid, notes = georeference(name, dataset)
+    grid, notes = georeference(name, dataset, given)
     return Scene(name, grid, grid.extent, bands, dtype, source, notes=notes)

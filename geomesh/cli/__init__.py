@@ -12,8 +12,10 @@ from typing import NoReturn
 import click
 
 from geomesh._version import __version__
-from geomesh.cli.inspect import info, quality
+from geomesh.cli.convert import convert
+from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
+from geomesh.cli.quality import quality
 from geomesh.cli.stages import stages
 
 _INTERRUPTED = 130
@@ -49,9 +51,10 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh mesh scene.tif -o mesh.gpkg --nodes 5000 --bidx 4,3,2
       geomesh stages scene.tif -o stages.png
       geomesh quality mesh.gpkg
+      geomesh convert mesh.gpkg -o web.geojson
     """
     ctx.obj = debug
 
 
-for command in (mesh, stages, quality, info):
+for command in (mesh, stages, quality, info, convert):
     cli.add_command(command)

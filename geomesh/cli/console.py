@@ -2,7 +2,7 @@
 
 The JSON lines protocol, on standard output, one object a line with `event`:
 
-- ``start``: ``protocol`` (this version), ``command``, ``source``
+- ``start``: ``protocol`` (this version), ``pid`` of the process, ``command``, ``source``
 - ``progress``: ``fraction`` (0..1), ``message``
 - ``log``: ``level`` ("warning"), ``message``
 - ``error``: ``code`` (of `geomesh.errors`, or "interrupted"), ``message``
@@ -12,10 +12,11 @@ The JSON lines protocol, on standard output, one object a line with `event`:
 from __future__ import annotations
 
 import json
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, Protocol
 
 import click
@@ -95,8 +96,8 @@ class JsonLines:
         click.echo(json.dumps({"event": event, **values}, ensure_ascii=True))
 
     def start(self, command: str, source: str) -> None:
-        """Tell the protocol's version too."""
-        self._tell("start", protocol=PROTOCOL, command=command, source=source)
+        """Tell the protocol's version too, and which process this is."""
+        self._tell("start", protocol=PROTOCOL, pid=os.getpid(), command=command, source=source)
 
     @contextmanager
     def progress(self) -> Iterator[Report]:
@@ -160,8 +161,9 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
             console.error(error.code, str(error))
             if debug:
                 raise
-        except KeyboardInterrupt:
-            console.interrupted()
+        except (KeyboardInterrupt, SystemExit):
+            with suppress(OSError):  # whoever listened may have gone
+                console.interrupted()
             raise
         except MemoryError:
             failures.append("not enough memory")

@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 from geomesh.cli.console import guarded, open_console
-from geomesh.cli.options import build_recipe, output_options, raster_options, words
+from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
 from geomesh.errors import OutputError
 from geomesh.rules import STATISTICS
 
@@ -38,24 +38,13 @@ class Job:
     help="File to write, or a folder: one mesh for each SRC.",
 )
 @raster_options
-@click.option(
-    "--layers",
-    callback=words(("triangles", "edges", "nodes")),
-    metavar="LAYER,...",
-    help="Layers to write: triangles, edges, nodes. Default: all in a GeoPackage, else triangles.",
-)
+@layer_options
 @click.option(
     "--stats",
     "statistics",
     callback=words(STATISTICS),
     metavar="STAT,...",
     help="What to measure in each triangle and band: mean, std, min, max. Default: all.",
-)
-@click.option(
-    "-f",
-    "--driver",
-    metavar="FORMAT",
-    help="GPKG, GeoJSON, FlatGeobuf or Parquet. Default: by the extension of OUT.",
 )
 @output_options
 @click.pass_obj
@@ -146,7 +135,7 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
         return [Job(sources[0], folder)], None
-    from geomesh.io.vector import find_format
+    from geomesh.io.formats import find_format
 
     if folder.suffix.lower() in _extensions() and not folder.is_dir():
         raise OutputError(f"{output} is the name of one file; for several rasters name a folder")
@@ -184,7 +173,7 @@ def _make_folder(folder: Path) -> bool:
 
 
 def _extensions() -> set[str]:
-    from geomesh.io.vector import FORMATS
+    from geomesh.io.formats import FORMATS
 
     return {extension for known in FORMATS for extension in known.extensions}
 

@@ -19,7 +19,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
-_READING = ("bidx", "nodata", "bounds", "mask")
+_READING = ("bidx", "nodata", "crs", "bounds", "mask")
 _RECIPE = ("preset", "recipe_file", "nodes", "gray", "domain", "statistics", "settings")
 
 
@@ -66,6 +66,13 @@ def _settings(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
             parsed = text
         settings[name.strip()] = tuple(parsed) if isinstance(parsed, list) else parsed
     return settings
+
+
+def _until_eof(_ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    if value:
+        from geomesh.cli.lifeline import hold
+
+        hold()
 
 
 def raster_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -129,6 +136,11 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 help="Nodata value, in place of the file's own (nan is a value too).",
             ),
             click.option(
+                "--crs",
+                metavar="CRS",
+                help="Coordinate system, in place of the file's own: EPSG:32722, or WKT.",
+            ),
+            click.option(
                 "--bounds",
                 nargs=4,
                 type=float,
@@ -161,6 +173,27 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+def layer_options(command: Command) -> Command:
+    """Add the options that say what a mesh file is to hold, and how."""
+    for option in (
+        click.option(
+            "-f",
+            "--driver",
+            metavar="FORMAT",
+            help="GPKG, GeoJSON, FlatGeobuf, Parquet or UGRID. Default: by the extension of OUT.",
+        ),
+        click.option(
+            "--layers",
+            callback=words(("triangles", "edges", "nodes")),
+            metavar="LAYER,...",
+            help="Layers to write: triangles, edges, nodes. "
+            "Default: all in a GeoPackage, else triangles.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 def output_options(command: Command) -> Command:
     """Add the options that say how the outcome is told."""
     for option in (
@@ -171,6 +204,14 @@ def output_options(command: Command) -> Command:
             help="Bar (on a terminal the default), JSON lines for programs, or none.",
         ),
         click.option("--overwrite", is_flag=True, help="Replace an output that exists."),
+        click.option(
+            "--until-eof",
+            is_flag=True,
+            expose_value=False,
+            callback=_until_eof,
+            help="Stop, as if terminated, once standard input ends: for programs that start "
+            "geomesh and may be killed themselves.",
+        ),
     ):
         command = option(command)
     return command

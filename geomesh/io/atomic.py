@@ -39,7 +39,7 @@ def check_place(target: Path, *, overwrite: bool) -> None:
             raise OutputError(f"the folder of {target} does not exist; create it first")
         # The mode bits do not tell: a superuser passes them, and a read-only or
         # full file system may still refuse.
-        Path(tempfile.mkdtemp(prefix=".geomesh-", dir=place.parent)).rmdir()
+        Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent)).rmdir()
     except OSError as error:
         raise OutputError(
             f"{target} cannot be written: {_reason(error)}; choose another folder"
@@ -73,7 +73,7 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
         Whether a file that has appeared at `target` meanwhile may be replaced.
     """
     place = Path(os.path.realpath(target))
-    folder = Path(tempfile.mkdtemp(prefix=".geomesh-", dir=place.parent))
+    folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
     try:
         finished = folder / f"output{suffix}"
         yield finished
@@ -83,6 +83,11 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
         _replace(finished, place)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _prefix() -> str:
+    # The process number tells a program that had to kill this one what was left behind.
+    return f".geomesh-{os.getpid()}-"
 
 
 def _flush(path: Path) -> None:

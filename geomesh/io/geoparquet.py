@@ -10,9 +10,7 @@ from pyproj import CRS
 
 from geomesh.io.batches import Feed, Layer
 from geomesh.io.document import KEY
-
-GEOMETRY = "geometry"
-BBOX = "bbox"
+from geomesh.io.formats import BBOX, GEOMETRY
 
 
 def write_geoparquet(

@@ -1,7 +1,7 @@
-"""Writing a mesh as GeoPackage, GeoJSON, FlatGeobuf or GeoParquet.
+"""Writing a mesh as GeoPackage, GeoJSON, FlatGeobuf, GeoParquet or UGRID.
 
 GDAL (through pyogrio) writes the first three from Arrow batches, pyarrow the
-last. Every file carries the metadata document of `geomesh.io.document`.
+fourth, scipy the last. Every file carries the metadata document of `geomesh.io.document`.
 """
 
 from __future__ import annotations
@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import sqlite3
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 
@@ -24,82 +23,15 @@ from geomesh.errors import OutputError
 from geomesh.io.atomic import check_place, staged
 from geomesh.io.batches import Feed, Layer
 from geomesh.io.document import KEY, describe
+from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format, find_format
 from geomesh.io.geojson import LonLatLayer
-from geomesh.io.geoparquet import BBOX, GEOMETRY, write_geoparquet
+from geomesh.io.geoparquet import write_geoparquet
+from geomesh.io.meshfile import write_ugrid
 from geomesh.io.verify import count_rows
 from geomesh.mesh import LAYERS, LayerName, Mesh
 from geomesh.tiles import Progress
 
-
-@dataclass(frozen=True)
-class Format:
-    """A file format.
-
-    Parameters
-    ----------
-    driver : str
-        GDAL's name for it.
-    extensions : tuple of str
-        The first is the usual one.
-    geometry : str
-        Name of the geometry column.
-    reserved : tuple of str
-        Names of further columns that it makes by itself.
-    many_layers : bool
-        Whether one file holds several layers.
-    dataset_options, layer_options : mapping of str to str
-        GDAL's creation options.
-    """
-
-    driver: str
-    extensions: tuple[str, ...]
-    geometry: str = GEOMETRY
-    reserved: tuple[str, ...] = ()
-    many_layers: bool = False
-    dataset_options: Mapping[str, str] = field(default_factory=dict)
-    layer_options: Mapping[str, str] = field(default_factory=dict)
-
-
-GPKG = Format(
-    "GPKG",
-    (".gpkg",),
-    geometry="geom",
-    reserved=("fid",),
-    many_layers=True,
-    dataset_options={"VERSION": "1.2"},
-    layer_options={"SPATIAL_INDEX": "YES"},
-)
-GEOJSON = Format("GeoJSON", (".geojson", ".json"))
-FLATGEOBUF = Format("FlatGeobuf", (".fgb",), layer_options={"SPATIAL_INDEX": "YES"})
-PARQUET = Format("Parquet", (".parquet", ".geoparquet"), reserved=(BBOX,))
-FORMATS = (GPKG, GEOJSON, FLATGEOBUF, PARQUET)
-
 _WRITE_FAILURES = (OSError, DataSourceError, DataLayerError, pa.ArrowException, sqlite3.Error)
-
-
-def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
-    """Return the format that `driver` names, or else the extension of `path`.
-
-    Raises
-    ------
-    OutputError
-        If there is no such format.
-    """
-    if driver is not None:
-        for known in FORMATS:
-            if known.driver.lower() == driver.lower():
-                return known
-        names = ", ".join(known.driver for known in FORMATS)
-        raise OutputError(f"there is no vector format {driver!r}; choose from {names}")
-    suffix = Path(path).suffix.lower()
-    for known in FORMATS:
-        if suffix in known.extensions:
-            return known
-    extensions = ", ".join(known.extensions[0] for known in FORMATS)
-    raise OutputError(
-        f"{path} has no extension that names a format; choose from {extensions}, "
-        "or name one with --driver"
-    )
 
 
 def check_output(
@@ -112,7 +44,7 @@ def check_output(
     path : path-like
     overwrite : bool
         Whether an existing file may be replaced.
-    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet"}, optional
+    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
         By the extension of `path` if not given.
 
     Raises
@@ -143,7 +75,7 @@ def write_mesh(
     layers : iterable of {"triangles", "edges", "nodes"}, optional
         All three by default in a GeoPackage, else the triangles: the other formats
         hold one layer.
-    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet"}, optional
+    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
         By the extension of `path` if not given.
     overwrite : bool
         Replace an existing file, at the very end.
@@ -183,6 +115,8 @@ def write_mesh(
         for layer in chosen:
             if file_format is PARQUET:
                 write_geoparquet(layer, temporary, feed, crs=mesh.grid.crs, document=document)
+            elif file_format is UGRID:
+                write_ugrid(layer, temporary, feed, crs=mesh.grid.crs, document=document)
             else:
                 _write_gdal(mesh, layer, temporary, feed, document, file_format)
         _verify(temporary, chosen, file_format)
@@ -197,6 +131,11 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
     for name in asked:
         if name not in LAYERS:
             raise OutputError(f"there is no layer {name!r}; choose from {', '.join(LAYERS)}")
+        if name not in file_format.layers:
+            raise OutputError(
+                f"{file_format.driver} holds {', '.join(file_format.layers)}, not {name}; "
+                "write .gpkg for all layers"
+            )
     if not asked:
         raise OutputError(f"no layer to write; choose from {', '.join(LAYERS)}")
     chosen = [name for name in LAYERS if name in asked]

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pyogrio
+from scipy.io import netcdf_file
+
+from geomesh.io.meshfile import FACES
 
 _FEATURE = b'{ "type": "Feature",'
 
@@ -29,6 +32,8 @@ def count_rows(path: Path, layer: str, driver: str) -> int:
         return _count_geojson(path)
     if driver == "Parquet":
         return int(pq.read_metadata(path).num_rows)
+    if driver == "UGRID":
+        return _count_ugrid(path)
     _, table = pyogrio.read_arrow(path, layer=layer, columns=["id"], read_geometry=False)
     return int(table.num_rows)
 
@@ -52,3 +57,12 @@ def _count_geojson(path: Path) -> int:
     if rows and last == b"}":
         return rows
     return int(pyogrio.read_info(path, force_feature_count=True)["features"])
+
+
+def _count_ugrid(path: Path) -> int:
+    try:
+        # Not mapped into memory: every value is read, and a short file is noticed.
+        with netcdf_file(path, mmap=False) as dataset:
+            return len(dataset.variables[FACES].data)
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise OSError(f"the NetCDF file is damaged: {error}") from error

@@ -1,4 +1,4 @@
-"""`geomesh quality` and `geomesh info`: look at a mesh, or at a raster before meshing it."""
+"""`geomesh info`: what a mesh file holds, or what a raster has to offer."""
 
 from __future__ import annotations
 
@@ -11,36 +11,6 @@ from typing import Any
 import click
 
 from geomesh.cli.console import guarded, open_console
-
-
-@click.command()
-@click.argument("mesh_file", metavar="MESH")
-@click.option("--json", "as_json", is_flag=True, help="Print all figures as JSON.")
-@click.option(
-    "--space",
-    type=click.Choice(["image", "map"]),
-    default="image",
-    show_default=True,
-    help="Take lengths in pixels of the image that was worked on, or in map units.",
-)
-@click.pass_obj
-def quality(debug: bool, /, mesh_file: str, as_json: bool, space: Any) -> None:
-    """Print Ki and the standard measures of the triangles of MESH (.gpkg).
-
-    \b
-    Examples:
-      geomesh quality mesh.gpkg
-      geomesh quality mesh.gpkg --space map --json
-    """
-    with guarded(open_console("none"), debug) as failures:
-        from geomesh.io.read import read_mesh
-
-        summary = read_mesh(mesh_file).quality(space).summary()
-        if as_json:
-            click.echo(json.dumps(summary, indent=2))
-        else:
-            _print_quality(mesh_file, summary, "pixels" if space == "image" else "map units")
-    sys.exit(1 if failures else 0)
 
 
 @click.command()
@@ -135,31 +105,3 @@ def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
         else:
             lines.append(f"{label} {'none' if value is None else value}")
     return "\n".join(lines)
-
-
-def _print_quality(mesh_file: str, summary: Mapping[str, Any], unit: str) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    width, height = summary["size"]
-    table = Table(
-        title=f"{mesh_file}: {summary['nodes']:,} nodes, {summary['triangles']:,} triangles, "
-        f"lengths in {unit} of a plane of {width:g} x {height:g}",
-        title_justify="left",
-        caption=f"{summary['labelling']}. Ki / sqrt(area / nodes) = "
-        f"{summary['ki_normalised'] or 0:.3f}",
-        caption_justify="left",
-    )
-    figures = ("mean", "median", "p5", "p95", "min", "max")
-    table.add_column("measure", no_wrap=True)
-    for figure in figures:
-        table.add_column(figure, justify="right")
-    for name, values in summary["measures"].items():
-        shown = (values[figure] for figure in figures)
-        table.add_row(name, *("" if value is None else f"{value:.4g}" for value in shown))
-    console = Console()
-    if not console.is_terminal:
-        console.width = 120
-    console.print(table)
-    for limit, share in summary["share_min_angle_under"].items():
-        console.print(f"smallest angle under {limit} degrees: {share or 0:.2%} of the triangles")

@@ -1,0 +1,65 @@
+"""`geomesh convert`: a mesh file in another format."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+from geomesh.cli.options import layer_options, output_options
+
+
+@click.command()
+@click.argument("mesh_file", metavar="MESH")
+@click.option("-o", "--output", required=True, metavar="OUT", help="File to write.")
+@layer_options
+@output_options
+@click.pass_obj
+def convert(
+    debug: bool,
+    /,
+    mesh_file: str,
+    output: str,
+    layers: tuple[Any, ...] | None,
+    driver: str | None,
+    overwrite: bool,
+    progress: str | None,
+    as_json: bool,
+) -> None:
+    """Write MESH (.gpkg) in another format, checked again.
+
+    \b
+    Examples:
+      geomesh convert mesh.gpkg -o web.geojson
+      geomesh convert mesh.gpkg -o nodes.parquet --layers nodes
+      geomesh convert mesh.gpkg -o mesh.nc     # UGRID, a mesh layer in QGIS
+    """
+    console = open_console(progress, quiet=as_json)
+    console.start("convert", mesh_file)
+    with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.io.read import read_mesh
+        from geomesh.io.vector import check_output, write_mesh
+        from geomesh.tiles import part_of
+
+        check_output(output, overwrite=overwrite, driver=driver)
+        report(0.0, "Reading the mesh")
+        read = read_mesh(mesh_file)
+        write_mesh(
+            read,
+            output,
+            layers=layers,
+            driver=driver,
+            overwrite=overwrite,
+            progress=part_of(report, 0.3, 1),
+        )
+    outcome: dict[str, Any] = {"source": mesh_file, "error": "".join(failures[:1])}
+    if not failures:
+        figures = {"nodes": len(read.nodes), "triangles": len(read.triangles)}
+        outcome = {"source": mesh_file, "output": output, **figures}
+        console.result([output], figures, f"{output}: the mesh of {mesh_file}, certified")
+    if as_json:
+        click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
+    sys.exit(1 if failures else 0)

@@ -1,0 +1,107 @@
+"""`geomesh quality`: Ki and the standard measures of a mesh."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+from geomesh.cli.options import output_options
+
+
+@click.command()
+@click.argument("mesh_file", metavar="MESH")
+@click.option(
+    "-o",
+    "--output",
+    metavar="OUT",
+    help="Write the mesh with every measure as an attribute of its triangles.",
+)
+@click.option(
+    "--space",
+    type=click.Choice(["image", "map"]),
+    default="image",
+    show_default=True,
+    help="Take lengths in pixels of the image that was worked on, or in map units.",
+)
+@output_options
+@click.pass_obj
+def quality(
+    debug: bool,
+    /,
+    mesh_file: str,
+    output: str | None,
+    space: Any,
+    overwrite: bool,
+    progress: str | None,
+    as_json: bool,
+) -> None:
+    """Print Ki and the standard measures of the triangles of MESH (.gpkg).
+
+    \b
+    Examples:
+      geomesh quality mesh.gpkg
+      geomesh quality mesh.gpkg --space map --json
+      geomesh quality mesh.gpkg -o measured.gpkg
+    """
+    console = open_console(progress, quiet=as_json)
+    console.start("quality", mesh_file)
+    with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.io.read import read_mesh
+        from geomesh.io.vector import check_output, write_mesh
+        from geomesh.tiles import part_of
+
+        if output is not None:
+            check_output(output, overwrite=overwrite)
+        report(0.0, "Reading the mesh")
+        read = read_mesh(mesh_file)
+        report(0.2, "Measuring triangles")
+        summary = read.quality(space).summary()
+        if output is not None:
+            write_mesh(
+                read.with_measures(space),
+                output,
+                overwrite=overwrite,
+                progress=part_of(report, 0.4, 1),
+            )
+    if not failures:
+        if as_json:
+            click.echo(json.dumps(summary, indent=2))
+        elif progress != "jsonl":
+            _print_quality(mesh_file, summary, "pixels" if space == "image" else "map units")
+        if output is not None or progress == "jsonl":
+            made = [] if output is None else [output]
+            console.result(made, summary, f"{output}: the mesh with these measures, certified")
+    sys.exit(1 if failures else 0)
+
+
+def _print_quality(mesh_file: str, summary: Mapping[str, Any], unit: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    width, height = summary["size"]
+    table = Table(
+        title=f"{mesh_file}: {summary['nodes']:,} nodes, {summary['triangles']:,} triangles, "
+        f"lengths in {unit} of a plane of {width:g} x {height:g}",
+        title_justify="left",
+        caption=f"{summary['labelling']}. Ki / sqrt(area / nodes) = "
+        f"{summary['ki_normalised'] or 0:.3f}",
+        caption_justify="left",
+    )
+    figures = ("mean", "median", "p5", "p95", "min", "max")
+    table.add_column("measure", no_wrap=True)
+    for figure in figures:
+        table.add_column(figure, justify="right")
+    for name, values in summary["measures"].items():
+        shown = (values[figure] for figure in figures)
+        table.add_row(name, *("" if value is None else f"{value:.4g}" for value in shown))
+    console = Console()
+    if not console.is_terminal:
+        console.width = 120
+    console.print(table)
+    for limit, share in summary["share_min_angle_under"].items():
+        console.print(f"smallest angle under {limit} degrees: {share or 0:.2%} of the triangles")
