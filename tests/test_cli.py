@@ -183,6 +183,88 @@ def test_stages_draws_a_picture(tmp_path):
     assert "--overwrite" in stderr
 
 
+def test_convert_writes_the_same_mesh_in_another_format(made, tmp_path):
+    for name in ("mesh.fgb", "mesh.nc", "mesh.gpkg"):
+        stdout, _ = run("convert", made, "-o", tmp_path / name)
+        assert "certified" in stdout
+    mesh = geomesh.read_mesh(made)
+    assert len(gpd.read_file(tmp_path / "mesh.fgb")) == len(mesh.triangles)
+    again = geomesh.read_mesh(tmp_path / "mesh.gpkg")
+    assert (again.nodes == mesh.nodes).all()
+    assert again.metadata == mesh.metadata
+    told = json.loads(
+        run("convert", made, "-o", tmp_path / "n.fgb", "--layers", "nodes", "--json")[0]
+    )
+    assert told["results"][0]["nodes"] == 300
+    assert len(gpd.read_file(tmp_path / "n.fgb")) == 300
+    run("convert", made, "-o", tmp_path / "n.fgb", code=1)  # it exists
+
+
+def test_quality_can_be_kept_with_the_mesh(made, tmp_path):
+    path = tmp_path / "measured.gpkg"
+    run("quality", made, "-o", path)
+    run("quality", path, "-o", path, "--space", "map", "--overwrite")
+    mesh = geomesh.read_mesh(made)
+    frame = gpd.read_file(path, layer="triangles")
+    for name, values in mesh.quality().table.items():
+        if name != "area":  # on the map, in square metres
+            assert frame[name].to_numpy() == pytest.approx(values, rel=1e-12)
+    for name, values in mesh.quality("map").table.items():
+        assert frame[f"map_{name}"].to_numpy() == pytest.approx(values, rel=1e-12)
+    assert geomesh.read_mesh(path).certify().passed
+
+
+def test_quality_tells_programs_too(made, tmp_path):
+    out = tmp_path / "measured.gpkg"
+    for options in ([], ["-o", out]):
+        stdout, _ = run("quality", made, *options, "--progress", "jsonl")
+        result = json.loads(stdout.splitlines()[-1])
+        assert result["event"] == "result"
+        assert result["outputs"] == [str(option) for option in options[1:]]
+        assert result["figures"]["triangles"] == 495
+
+
+def test_the_users_crs_takes_the_place_of_the_files(tmp_path):
+    path = tmp_path / "mesh.gpkg"
+    run("mesh", OLINDA, "-o", path, "--nodes", 50, "--crs", "EPSG:32725")
+    assert gpd.read_file(path, layer="triangles").crs == "EPSG:32725"
+    _, stderr = run("mesh", OLINDA, "-o", path, "--crs", "EPSG:1", "--overwrite", code=1)
+    assert "EPSG:1" in stderr
+    assert "such as EPSG:32722" in stderr
+    assert stderr.count("\n") == 1
+
+
+def test_python_m_geomesh_is_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "geomesh", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == f"geomesh, version {geomesh.__version__}"
+
+
+def test_until_eof_ends_with_the_program_that_started_it(tmp_path):
+    """Standard input that ends stops the work; one that stays open does not."""
+    arguments = [sys.executable, "-m", "geomesh", "mesh", OLINDA, "--until-eof", "--progress"]
+    arguments += ["jsonl", "-o"]
+    stopped = subprocess.run(
+        [*arguments, tmp_path / "no.gpkg"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert stopped.returncode == 143
+    assert json.loads(stopped.stdout.splitlines()[-1])["code"] == "interrupted"
+    assert list(tmp_path.iterdir()) == []
+    with subprocess.Popen(
+        [*arguments, tmp_path / "yes.gpkg"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        told = [json.loads(line) for line in process.stdout]
+        assert process.wait() == 0
+    assert told[0]["pid"] == process.pid
+    assert told[-1]["event"] == "result"
+    assert [path.name for path in tmp_path.iterdir()] == ["yes.gpkg"]
+
+
 def test_settings_reach_the_recipe(tmp_path):
     out = tmp_path / "m.gpkg"
     run("mesh", ROTATED, "-o", out, "--set", "min_spacing=6", "--set", "stretch=[1,99]")
@@ -191,7 +273,7 @@ def test_settings_reach_the_recipe(tmp_path):
     assert tuple(recipe["stretch"]) == (1, 99)
 
 
-@pytest.mark.parametrize("command", [[], ["mesh"], ["stages"], ["quality"], ["info"]])
+@pytest.mark.parametrize("command", [[], ["mesh"], ["stages"], ["quality"], ["info"], ["convert"]])
 def test_help_shows_examples(command):
     stdout, _ = run(*command, "--help")
     assert "Examples:\n" in stdout

@@ -651,7 +651,7 @@ for path in sys.argv[2:]:
     except OutputError as error:
         print(error)
 """
-    paths = [tmp_path / f"mesh{extension}" for extension in EXTENSIONS]
+    paths = [tmp_path / f"mesh{extension}" for extension in (*EXTENSIONS, ".nc")]
     for path in paths:
         path.write_text("mine")
     done = run(code, str(pickled), *map(str, paths))
@@ -682,6 +682,7 @@ def small_disk(tmp_path: Path):
     subprocess.run(["umount", str(folder)], check=True)
 
 
+@pytest.mark.parametrize("extension", [*EXTENSIONS, ".nc"])
 def test_full_disk_leaves_the_old_file(small_disk: Path, extension: str) -> None:
     path = write_mesh(two_triangles(), small_disk / f"mesh{extension}")
     before = path.read_bytes()
@@ -768,3 +769,11 @@ def test_symbolic_link_stays_a_link(tmp_path: Path) -> None:
 def test_boundary_of_the_hand_made_mesh_is_its_outline() -> None:
     mesh = two_triangles()
     assert set(edge_keys(boundary_edges(mesh.triangles))) == set(edge_keys(mesh.constraints))
+
+
+@pytest.mark.parametrize("name", ['a;b"c\'d', "x!y", "é 海 (1) #2 50%25 &$HOME", "GPKG:x", "a,b=c"])
+def test_names_that_others_stumble_over(tmp_path: Path, name: str) -> None:
+    mesh = two_triangles()
+    path = write_mesh(mesh, tmp_path / f"{name}.gpkg")
+    assert path.is_file()
+    assert np.array_equal(read_mesh(path).nodes, mesh.nodes)

@@ -126,13 +126,17 @@ class Feed:
                 self.failure = error
                 raise
 
+    def count(self, rows: int) -> None:
+        """Take note of rows that were handed out otherwise than as batches."""
+        self._done += rows
+
     def batches(self, layer: Layer, geometry: str, *, bbox: str | None = None) -> Iterator[Any]:
         """Yield the record batches of a layer, made one at a time."""
         try:
             for start in range(0, len(layer), BATCH_ROWS):
                 self.tell(f"Writing {layer.name}")
                 batch = layer.batch(slice(start, start + BATCH_ROWS), geometry, bbox=bbox)
-                self._done += batch.num_rows
+                self.count(batch.num_rows)
                 yield batch
         except GeneratorExit:
             raise

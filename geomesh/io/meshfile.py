@@ -27,6 +27,8 @@ _CRS = "projected_coordinate_system"
 # Attributes that the topology says already.
 _TOPOLOGY = ("id", "n0", "n1", "n2")
 
+_COLOR = "color"
+
 _UNITS = {
     "area": "m2",
     **dict.fromkeys(("ab", "bc", "ca", "ki", "count"), "pixel"),
@@ -43,9 +45,9 @@ def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, docume
     Parameters
     ----------
     layer : Layer
-        The triangles. Attributes become data on faces as float64; `color` becomes
+        The triangles. Attributes become data on faces as float64, `color` as
         65536 red + 256 green + blue, rounded to fewer levels of each until there are
-        at most 4096 colours.
+        at most 4096 colours. Other texts are left out: NetCDF has no place for them.
     path : Path
     feed : Feed
         Is told of the progress.
@@ -79,9 +81,12 @@ def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, docume
         _add(dataset, FACES, ("mesh_face", "three"), corners, numbering)
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
-            if name not in _TOPOLOGY:
-                unit = {"units": _UNITS[name]} if name in _UNITS else {}
-                _add(dataset, name, ("mesh_face",), _numbers(values), on_faces | unit)
+            if name in _TOPOLOGY or (values.dtype.kind == "U" and name != _COLOR):
+                continue
+            data = _packed(values) if name == _COLOR else values.astype(np.float64)
+            unit = {"units": _UNITS[name]} if name in _UNITS else {}
+            _add(dataset, name, ("mesh_face",), data, on_faces | unit)
+    feed.count(len(layer))
 
 
 def _add(
@@ -95,10 +100,6 @@ def _add(
     variable.data[...] = values
     for attribute, value in attributes.items():
         setattr(variable, attribute, value)
-
-
-def _numbers(values: NDArray[Any]) -> NDArray[np.float64]:
-    return _packed(values) if values.dtype.kind == "U" else values.astype(np.float64)
 
 
 def _packed(colors: NDArray[np.str_]) -> NDArray[np.float64]:

@@ -78,10 +78,11 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
 def _plain(path: str | PathLike[str]) -> str:
     """Return a name under which pyogrio opens just this file.
 
-    It gives "!" and ";" in a path a meaning of their own, save behind a driver's name.
+    It gives "!" and ";" in a path a meaning of their own, save in GDAL's virtual file
+    systems; this one is the file itself, from its first byte.
     """
     name = fspath(path)
-    return f"GPKG:{name}" if set(name) & set("!;") else name
+    return f"/vsisubfile/0,{name}" if set(name) & set("!;") else name
 
 
 def _find_layers(path: Path) -> set[str]:

@@ -1,0 +1,87 @@
+"""UGRID files: read by xugrid, and by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xugrid
+from pyproj import CRS
+from scipy.io import netcdf_file
+from test_io import GRIDS, random_mesh, two_triangles
+
+from geomesh.errors import OutputError
+from geomesh.io.vector import write_mesh
+from geomesh.io.verify import count_rows
+from geomesh.table import Table
+
+
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=list(GRIDS))
+def test_xugrid_finds_the_same_mesh(tmp_path, grid):
+    mesh = random_mesh(grid)
+    path = write_mesh(mesh, tmp_path / "mesh.nc")
+    dataset = xugrid.open_dataset(path, engine="scipy")
+    found = dataset.ugrid.grid
+    assert np.array_equal(found.node_coordinates, mesh.map_nodes)
+    assert np.array_equal(found.face_node_connectivity, mesh.triangles)
+    for name in ("b1_mean", "ki", "count", "area"):
+        expected = np.asarray(mesh.attributes("triangles")[name], np.float64)
+        assert dataset[name].dims == (found.face_dimension,)
+        assert np.array_equal(dataset[name].to_numpy(), expected, equal_nan=True)
+    assert "name" not in dataset
+
+
+def read_attributes(path, variable):
+    with netcdf_file(path, mmap=False) as dataset:
+        if variable not in dataset.variables:
+            return None
+        return dict(dataset.variables[variable]._attributes)
+
+
+def test_the_crs_is_told_by_its_code_or_in_words(tmp_path):
+    coded = write_mesh(two_triangles(), tmp_path / "coded.nc")
+    told = read_attributes(coded, "projected_coordinate_system")
+    assert told["EPSG_code"] == b"EPSG:32723"
+    assert told["epsg"] == 32723
+    custom = write_mesh(two_triangles(GRIDS["custom CRS"]), tmp_path / "custom.nc")
+    told = read_attributes(custom, "projected_coordinate_system")
+    assert CRS.from_wkt(told["crs_wkt"].decode()) == GRIDS["custom CRS"].crs
+    assert "epsg" not in told
+    placeless = write_mesh(two_triangles(GRIDS["no CRS"]), tmp_path / "none.nc")
+    assert read_attributes(placeless, "projected_coordinate_system") is None
+
+
+def colored(mesh, colors):
+    return replace(mesh, triangle_table=Table({"color": np.array(colors)}))
+
+
+def test_few_colours_are_exact(tmp_path):
+    mesh = colored(two_triangles(), ["#0b6e8f", "#fedcba"])
+    path = write_mesh(mesh, tmp_path / "mesh.nc")
+    with netcdf_file(path, mmap=False) as dataset:
+        assert dataset.variables["color"].data.tolist() == [0x0B6E8F, 0xFEDCBA]
+
+
+def test_many_colours_are_rounded_alike_in_each_channel(tmp_path):
+    mesh = random_mesh(count=5000)
+    exact = np.array([int(color[1:], 16) for color in mesh.triangle_table["color"].tolist()])
+    path = write_mesh(mesh, tmp_path / "mesh.nc")
+    with netcdf_file(path, mmap=False) as dataset:
+        rounded = dataset.variables["color"].data.astype(np.int64)
+    assert 500 < len(np.unique(rounded)) <= 4096 < len(np.unique(exact))
+    for shift in (0, 8, 16):
+        assert np.abs((rounded >> shift & 255) - (exact >> shift & 255)).max() <= 9
+
+
+def test_it_holds_triangles_only(tmp_path):
+    with pytest.raises(OutputError, match="UGRID holds triangles, not nodes"):
+        write_mesh(two_triangles(), tmp_path / "mesh.nc", layers=["nodes"])
+
+
+def test_a_file_cut_short_is_noticed(tmp_path):
+    path = write_mesh(random_mesh(), tmp_path / "mesh.nc")
+    assert count_rows(path, "triangles", "UGRID") == len(random_mesh().triangles)
+    whole = path.read_bytes()
+    for kept in (0.999, 0.5, 0.01):
+        path.write_bytes(whole[: int(kept * len(whole))])
+        with pytest.raises(OSError, match="damaged"):
+            count_rows(path, "triangles", "UGRID")
