@@ -3,18 +3,22 @@
 
 PYTHON ?= python3
 VENV ?= .venv
+QGIS_PYTHON ?= /usr/bin/python3
+QGIS_VENV ?= .venv-qgis
 BIN := $(VENV)/bin
 SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench clean
+.PHONY: help demo test lint bench plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
 	@echo "make test    run everything: pytest, ruff, mypy"
 	@echo "make lint    ruff and mypy alone"
 	@echo "make bench   compare speed with the peers, in one run"
-	@echo "make clean   remove $(VENV), out/ and caches"
+	@echo "make plugin  pack the QGIS plugin into dist/"
+	@echo "make test-qgis  test the plugin with the QGIS of this machine (QGIS_PYTHON=$(QGIS_PYTHON))"
+	@echo "make clean   remove $(VENV), $(QGIS_VENV), out/, dist/ and caches"
 
 $(BIN)/.installed: pyproject.toml constraints.txt
 	@echo "Building $(VENV) (a minute or two, once) ..."
@@ -58,6 +62,31 @@ lint: $(BIN)/.developing
 bench: $(BIN)/.developing
 	$(BIN)/python -m benchmarks
 
+plugin: $(BIN)/.installed
+	@$(BIN)/python qgis_plugin/build.py
+
+# Fails at once and says what is missing: a plugin whose tests are skipped is not tested.
+qgis-is-there:
+	@$(QGIS_PYTHON) -c 'import ensurepip, qgis.core' 2>/dev/null || { \
+		echo "$(QGIS_PYTHON) does not see QGIS: apt-get install --no-install-recommends" \
+			"qgis python3-qgis qgis-providers python3-venv xvfb xauth"; exit 1; }
+
+$(QGIS_VENV)/.installed: qgis_plugin/requirements-test.txt | qgis-is-there
+	@echo "Building $(QGIS_VENV) on the Python of QGIS ..."
+	$(QGIS_PYTHON) -m venv --clear --system-site-packages $(QGIS_VENV)
+	$(QGIS_VENV)/bin/python -m pip install --quiet --requirement qgis_plugin/requirements-test.txt
+	$(QGIS_VENV)/bin/python -m pip install --quiet --no-deps PyQt6==6.8.1  # read, never imported
+	@touch $@
+
+# A profile and a runtime folder of its own: the tests neither see nor change yours.
+test-qgis: qgis-is-there $(BIN)/.installed $(QGIS_VENV)/.installed
+	@rm -rf qgis_plugin/.qgis-settings
+	@runtime=$$(mktemp -d) && trap 'rm -rf "$$runtime"' EXIT && \
+	XDG_RUNTIME_DIR="$$runtime" QT_QPA_PLATFORM=offscreen \
+	GEOMESH_PYTHON="$(abspath $(BIN))/python" \
+	$(QGIS_VENV)/bin/python -m pytest -c qgis_plugin/pytest.ini qgis_plugin/tests
+
 clean:
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(QGIS_VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf qgis_plugin/.pytest_cache qgis_plugin/.qgis-settings
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,160 @@
+"""What the algorithms have in common: they run a command of geomesh and tell how it goes."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from qgis.core import (
+    QgsProcessingAlgorithm,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProcessingFeedback,
+)
+from qgis.PyQt.QtGui import QIcon
+
+from .. import environment, results, runner, settings
+
+PRESETS = {
+    "features": "features: the raster's own resolution",
+    "paper": "paper: the published system, at 256 × 256 pixels",
+}
+
+_FOLDER = Path(__file__).parents[1]
+
+
+class GeomeshAlgorithm(QgsProcessingAlgorithm):
+    """An algorithm that runs in the environment of geomesh, never in QGIS's own Python."""
+
+    NAME = ""
+    TITLE = ""
+    GROUP = ""
+    TAGS: Sequence[str] = ()
+    SUMMARY = ""
+    HELP = ""
+
+    def createInstance(self) -> GeomeshAlgorithm:
+        """Return a new one: every run has its own."""
+        return type(self)()
+
+    def name(self) -> str:
+        """Return the name for programs."""
+        return self.NAME
+
+    def displayName(self) -> str:
+        """Return the name for people."""
+        return self.TITLE
+
+    def group(self) -> str:
+        """Return the heading in the toolbox."""
+        return self.GROUP
+
+    def groupId(self) -> str:
+        """Return the heading for programs."""
+        return self.GROUP.lower()
+
+    def tags(self) -> list[str]:
+        """Return words by which the toolbox finds it."""
+        return list(self.TAGS)
+
+    def icon(self) -> QIcon:
+        """Return the picture beside the name."""
+        return QIcon(str(_FOLDER / "icon.svg"))
+
+    def svgIconPath(self) -> str:
+        """Return the picture as a vector file."""
+        return str(_FOLDER / "icon.svg")
+
+    def shortDescription(self) -> str:
+        """Return one sentence."""
+        return self.SUMMARY
+
+    def shortHelpString(self) -> str:
+        """Return the help beside the parameters, with its picture."""
+        picture = (_FOLDER / "images" / f"{self.NAME}.png").as_uri()
+        help_text = " ".join(self.HELP.split())  # Processing would break the lines of the source
+        return f'<p>{self.SUMMARY}</p><p><img src="{picture}"/></p>{help_text}'
+
+    def checkParameterValues(self, parameters: dict, context: QgsProcessingContext) -> tuple:
+        """Refuse to start without geomesh, or with values that cannot work."""
+        passed, reason = super().checkParameterValues(parameters, context)
+        if not passed:
+            return False, reason
+        try:
+            settings.installation()
+        except environment.EnvironmentProblem as problem:
+            return False, str(problem)
+        reason = self.find_fault(parameters, context)
+        return not reason, reason
+
+    def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+        """Return why the values cannot work, or an empty text."""
+        return ""
+
+    def find_output_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+        """Return why the mesh cannot go where OUTPUT says, or an empty text."""
+        # In a context of its own: the run's would take it for a layer to load.
+        path = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
+        return results.find_output_fault(path, context.project())
+
+    def run_geomesh(
+        self,
+        arguments: Sequence[str],
+        feedback: QgsProcessingFeedback,
+        output: str,
+        span: tuple[float, float] = (0, 1),
+    ) -> dict:
+        """Run a command and return its figures.
+
+        Parameters
+        ----------
+        arguments : sequence of str
+            Name of the command, its options and its input.
+        feedback : QgsProcessingFeedback
+            Is told of progress and warnings; asked whether to stop.
+        output : str
+            File that the command writes; an older one is replaced.
+        span : (float, float)
+            Part of the whole run that this command is, from 0 to 1.
+
+        Raises
+        ------
+        QgsProcessingException
+            If it fails or was cancelled; no file is left then.
+        """
+        start, end = span
+        said = ""
+
+        def progress(fraction: float, message: str) -> None:
+            nonlocal said
+            feedback.setProgress(100 * (start + fraction * (end - start)))
+            if message != said:
+                said = message
+                feedback.setProgressText(message)
+
+        name, *rest = arguments
+        watched = ["--progress", "jsonl", "--until-eof"]
+        try:
+            command = [
+                *settings.installation().command,
+                name,
+                *watched,
+                *("-o", output, "--overwrite"),
+                *rest,
+            ]
+            feedback.pushCommandInfo(shlex.join(command))
+            outcome = runner.run(
+                command,
+                progress=progress,
+                warn=feedback.pushWarning,
+                cancelled=feedback.isCanceled,
+                places=[Path(output).parent],
+            )
+        except environment.EnvironmentProblem as problem:
+            raise QgsProcessingException(str(problem)) from problem
+        except runner.RunError as error:
+            raise QgsProcessingException(str(error)) from error
+        except runner.Cancelled as stop:
+            raise QgsProcessingException("Cancelled: nothing was written.") from stop
+        return outcome.figures

@@ -1,0 +1,124 @@
+"""Mesh quality: Ki and the standard measures."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from qgis.core import (
+    QgsProcessing,
+    QgsProcessingContext,
+    QgsProcessingFeedback,
+    QgsProcessingOutputNumber,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterFileDestination,
+    QgsProcessingParameterVectorDestination,
+    QgsProcessingParameterVectorLayer,
+    QgsProviderRegistry,
+)
+
+from ..provenance import read_document
+from ..reports import quality_report
+from ..results import dress_vector_layer, is_geopackage, layer_uri, load_when_done
+from .base import GeomeshAlgorithm
+
+SPACES = ("image", "map")
+
+
+class MeshQuality(GeomeshAlgorithm):
+    """Measures the triangles of a mesh."""
+
+    NAME = "meshquality"
+    TITLE = "Mesh quality"
+    GROUP = "Inspect"
+    TAGS = ("triangles", "Ki", "angle", "aspect ratio", "shape", "measure", "statistics")
+    SUMMARY = "Measures every triangle of a mesh: Ki of the paper and the standard measures."
+    HELP = """
+<p>The output has one field for each measure; the report in the results viewer sums them up.
+Lengths are in pixels of the image, or in map units: then the names of the fields begin with
+<i>map_</i>.</p>
+<p><b>Mesh</b>: any layer of a GeoPackage that <i>Raster to mesh</i> has written.</p>
+"""
+
+    def initAlgorithm(self, config: dict | None = None) -> None:
+        """Declare the parameters and the outputs."""
+        self.addParameter(
+            QgsProcessingParameterVectorLayer(
+                "INPUT", "Mesh", [QgsProcessing.SourceType.TypeVectorAnyGeometry]
+            )
+        )
+        self.addParameter(
+            QgsProcessingParameterEnum(
+                "SPACE", "Take lengths in", ["pixels of the image", "map units"], False, 0
+            )
+        )
+        self.addParameter(
+            QgsProcessingParameterVectorDestination(
+                "OUTPUT", "Measured triangles", QgsProcessing.SourceType.TypeVectorPolygon
+            )
+        )
+        self.addParameter(
+            QgsProcessingParameterFileDestination(
+                "REPORT", "Report", "HTML files (*.html)", None, True
+            )
+        )
+        self.addOutput(QgsProcessingOutputNumber("KI_MEAN", "Mean Ki"))
+        self.addOutput(QgsProcessingOutputNumber("MIN_ANGLE", "Smallest angle (degrees)"))
+
+    def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+        """Return why the values cannot work, or an empty text."""
+        if not is_geopackage(self._find_path(parameters, context)):
+            return "The layer is not of a GeoPackage that Raster to mesh has written; choose one."
+        return self.find_output_fault(parameters, context)
+
+    def prepareAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        """Ask the layer for its file: later this runs in another thread."""
+        self._path = self._find_path(parameters, context)
+        return True
+
+    def _find_path(self, parameters: dict, context: QgsProcessingContext) -> str:
+        layer = self.parameterAsVectorLayer(parameters, "INPUT", context)
+        parts = QgsProviderRegistry.instance().decodeUri("ogr", layer.source()) if layer else {}
+        return str(parts.get("path") or "")
+
+    def processAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> dict:
+        """Measure; write the fields and the report."""
+        output = self.parameterAsOutputLayer(parameters, "OUTPUT", context)
+        report = self.parameterAsFileOutput(parameters, "REPORT", context)
+        space = SPACES[self.parameterAsEnum(parameters, "SPACE", context)]
+        with tempfile.TemporaryDirectory(prefix="geomesh-") as folder:
+            whole = is_geopackage(output)
+            stored = output if whole else str(Path(folder) / "mesh.gpkg")
+            share = 1 if whole else 0.8
+            summary = self.run_geomesh(
+                ["quality", "--space", space, "--", self._path], feedback, stored, (0, share)
+            )
+            if not whole:
+                self.run_geomesh(["convert", "--", stored], feedback, output, (share, 1))
+            about = read_document(stored)
+        uri = layer_uri(output, "triangles")
+        dress_vector_layer(uri, "triangles")
+        name = Path(self._path).stem
+        load_when_done(
+            context,
+            output,
+            {"triangles": uri},
+            title=f"{name} measured",
+            unnamed=self.parameterDefinition("OUTPUT").description(),
+            about=about,
+        )
+        measures = summary["measures"]
+        found = {
+            "OUTPUT": uri,
+            "KI_MEAN": measures["ki"]["mean"],
+            "MIN_ANGLE": measures["min_angle"]["min"],
+        }
+        if report:
+            unit = "pixels" if space == "image" else "map units"
+            Path(report).write_text(quality_report(name, summary, unit), encoding="utf-8")
+            found["REPORT"] = report
+        return found

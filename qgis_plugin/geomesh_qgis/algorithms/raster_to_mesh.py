@@ -1,0 +1,248 @@
+"""Raster to mesh: the main one."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from qgis.core import (
+    QgsProcessing,
+    QgsProcessingContext,
+    QgsProcessingException,
+    QgsProcessingFeedback,
+    QgsProcessingOutputNumber,
+    QgsProcessingOutputVectorLayer,
+    QgsProcessingParameterBand,
+    QgsProcessingParameterEnum,
+    QgsProcessingParameterExtent,
+    QgsProcessingParameterFeatureSource,
+    QgsProcessingParameterFileDestination,
+    QgsProcessingParameterNumber,
+    QgsProcessingParameterRasterLayer,
+    QgsProcessingParameterVectorDestination,
+)
+
+from ..inputs import bounds_options, describe_raster, export_mask, raster_path
+from ..provenance import read_document
+from ..results import (
+    LAYERS,
+    dress_mesh_layer,
+    dress_vector_layer,
+    find_use,
+    is_geopackage,
+    layer_uri,
+    load_when_done,
+)
+from .base import PRESETS, GeomeshAlgorithm
+from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
+
+DOMAINS = ("valid", "image", "hull")
+
+
+class RasterToMesh(GeomeshAlgorithm):
+    """Turns a raster layer into a mesh: vector layers and, if wanted, a mesh layer."""
+
+    NAME = "rastertomesh"
+    TITLE = "Raster to mesh"
+    GROUP = "Create"
+    TAGS = ("triangles", "triangulation", "Delaunay", "TIN", "vectorize", "SIFT", "Canny", "image")
+    SUMMARY = (
+        "Turns a raster into a mesh of triangles whose nodes are features of the image: SIFT "
+        "keypoints on Canny edges, joined by Delaunay's triangulation."
+    )
+    HELP = """
+<p><b>Run</b> works at once: it meshes all valid pixels at the raster's own resolution. The
+layer <i>triangles</i> is filled with the mean colour of the image and carries exact statistics of
+every band; a GeoPackage holds nodes and edges too, with everything needed to make the mesh again.
+Each mesh is checked before it is written.</p>
+<p><b>Node budget</b>: the strongest features are kept, spread evenly; without one, all.<br/>
+<b>Preset</b> <i>features</i> takes the raster as it is; <i>paper</i> follows the published system
+to the letter, at 256 × 256 pixels.<br/>
+<b>Mask</b>: polygons; pixels outside are left out.<br/>
+<b>Mesh layer</b>: the mesh as a native QGIS mesh layer (UGRID), too.</p>
+<p>Parameters without a value take the preset's. Lengths are in pixels.</p>
+"""
+
+    def initAlgorithm(self, config: dict | None = None) -> None:
+        """Declare the parameters and the outputs."""
+        whole = QgsProcessingParameterNumber.Type.Integer
+        real = QgsProcessingParameterNumber.Type.Double
+        spacing = QgsProcessingParameterNumber(
+            "MIN_SPACING", "Least distance between nodes (pixels)", real, None, True, 0
+        )
+        nodata = QgsProcessingParameterNumber(
+            "NODATA", "Nodata value, in place of the raster's own", real, None, True
+        )
+        advanced = QgsProcessingParameterNumber.Flag.FlagAdvanced
+        nodata.setFlags(nodata.flags() | advanced)
+        for parameter in (
+            QgsProcessingParameterRasterLayer("INPUT", "Raster"),
+            QgsProcessingParameterEnum(
+                "PRESET",
+                "Preset",
+                list(PRESETS.values()),
+                False,
+                0,
+            ),
+            QgsProcessingParameterBand(
+                "BANDS", "Bands (all but alpha if none is chosen)", None, "INPUT", True, True
+            ),
+            QgsProcessingParameterNumber(
+                "NODES", "Node budget (all features if not set)", whole, None, True, 1
+            ),
+            spacing,
+            QgsProcessingParameterEnum(
+                "DOMAIN",
+                "What the mesh covers (the preset's choice if not set)",
+                ["the valid data", "the whole image", "the convex hull of the keypoints"],
+                False,
+                None,
+                True,
+            ),
+            QgsProcessingParameterExtent("EXTENT", "Extent to mesh", None, True),
+            QgsProcessingParameterFeatureSource(
+                "MASK",
+                "Mask: polygons to mesh within",
+                [QgsProcessing.SourceType.TypeVectorPolygon],
+                None,
+                True,
+            ),
+            QgsProcessingParameterEnum(
+                "LAYERS", "Layers to load", list(LAYERS), True, [0, 2], False
+            ),
+            nodata,
+            *recipe_parameters(),
+            QgsProcessingParameterVectorDestination(
+                "OUTPUT", "Triangles", QgsProcessing.SourceType.TypeVectorPolygon
+            ),
+            QgsProcessingParameterFileDestination(
+                "MESH", "Mesh layer", "UGRID mesh (*.nc)", None, True, False
+            ),
+        ):
+            self.addParameter(parameter)
+        points = QgsProcessing.SourceType.TypeVectorPoint
+        lines = QgsProcessing.SourceType.TypeVectorLine
+        for output in (
+            QgsProcessingOutputVectorLayer("NODES_LAYER", "Nodes", points),
+            QgsProcessingOutputVectorLayer("EDGES_LAYER", "Edges", lines),
+            QgsProcessingOutputNumber("NODE_COUNT", "Number of nodes"),
+            QgsProcessingOutputNumber("TRIANGLE_COUNT", "Number of triangles"),
+        ):
+            self.addOutput(output)
+
+    def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+        """Return why the values cannot work, or an empty text."""
+        return (
+            self.find_output_fault(parameters, context)
+            or self._find_mesh_fault(parameters, context)
+            or find_recipe_fault(self, parameters, context)
+        )
+
+    def _find_mesh_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+        mesh = self.parameterAsFileOutput(parameters, "MESH", QgsProcessingContext())
+        if not mesh:
+            return ""
+        output = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
+        if not mesh.lower().endswith(".nc"):
+            return f"{mesh} has another extension than .nc: a mesh layer is a UGRID file."
+        if not is_geopackage(output) and Path(output).with_suffix("") == Path(mesh[:-3]):
+            # QGIS keeps the style of either in a file of that name.
+            return f"{output} and {mesh} would share one style file: choose another name for one."
+        return find_use(mesh, context.project())
+
+    def prepareAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        """Ask the raster layer what is needed: later this runs in another thread."""
+        layer = self.parameterAsRasterLayer(parameters, "INPUT", context)
+        if layer is None or not layer.isValid():
+            raise QgsProcessingException("The raster cannot be read; choose another one.")
+        self._raster = describe_raster(layer)
+        return True
+
+    def processAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> dict:
+        """Mesh the raster; style the layers and have them loaded."""
+        output = self.parameterAsOutputLayer(parameters, "OUTPUT", context)
+        mesh_layer = self.parameterAsFileOutput(parameters, "MESH", context)
+        chosen = [LAYERS[i] for i in self.parameterAsEnums(parameters, "LAYERS", context)]
+        with tempfile.TemporaryDirectory(prefix="geomesh-") as name:
+            folder = Path(name)
+            whole = is_geopackage(output)
+            stored = output if whole else str(folder / "mesh.gpkg")
+            options = self._options(parameters, context, folder, feedback)
+            source = raster_path(self._raster, folder, feedback)
+            share = 1 - 0.1 * (not whole) - 0.1 * bool(mesh_layer)
+            figures = self.run_geomesh(
+                ["mesh", *options, "--", source], feedback, stored, (0, share)
+            )
+            if not whole:
+                self.run_geomesh(["convert", "--", stored], feedback, output, (share, share + 0.1))
+                chosen = ["triangles"]
+            if mesh_layer:
+                self.run_geomesh(["convert", "--", stored], feedback, mesh_layer, (0.9, 1))
+            about = read_document(stored)
+        uris = {layer: layer_uri(output, layer) for layer in (LAYERS if whole else ["triangles"])}
+        for layer, uri in uris.items():
+            dress_vector_layer(uri, layer)
+        loaded = {layer: uris[layer] for layer in chosen}
+        if mesh_layer:
+            dress_mesh_layer(mesh_layer)
+            loaded = {"mesh": mesh_layer, **loaded}
+        load_when_done(
+            context,
+            output,
+            loaded,
+            title=self._raster.name,
+            unnamed=self.parameterDefinition("OUTPUT").description(),
+            about=about,
+        )
+        feedback.pushInfo(
+            f"{figures['nodes']:,} nodes, {figures['triangles']:,} triangles, certified"
+        )
+        results = {
+            "OUTPUT": uris["triangles"],
+            "NODE_COUNT": figures["nodes"],
+            "TRIANGLE_COUNT": figures["triangles"],
+        }
+        if whole:
+            results |= {"NODES_LAYER": uris["nodes"], "EDGES_LAYER": uris["edges"]}
+        if mesh_layer:
+            results["MESH"] = mesh_layer
+        return results
+
+    def _options(
+        self,
+        parameters: dict,
+        context: QgsProcessingContext,
+        folder: Path,
+        feedback: QgsProcessingFeedback,
+    ) -> list[str]:
+        options = list(self._raster.options)
+        options += ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
+        bands = self.parameterAsInts(parameters, "BANDS", context)
+        if bands:
+            options += ["--bidx", ",".join(map(str, bands))]
+        if _given(parameters, "NODES"):
+            options += ["--nodes", str(self.parameterAsInt(parameters, "NODES", context))]
+        if _given(parameters, "MIN_SPACING"):
+            value = self.parameterAsDouble(parameters, "MIN_SPACING", context)
+            options += ["--set", f"min_spacing={json.dumps(value)}"]
+        if _given(parameters, "DOMAIN"):
+            options += ["--domain", DOMAINS[self.parameterAsEnum(parameters, "DOMAIN", context)]]
+        if _given(parameters, "NODATA"):
+            options += ["--nodata", repr(self.parameterAsDouble(parameters, "NODATA", context))]
+        extent = self.parameterAsExtent(parameters, "EXTENT", context, self._raster.crs)
+        if not extent.isNull():
+            options += bounds_options(extent)
+        mask = self.parameterAsSource(parameters, "MASK", context)
+        if mask is not None:
+            options += ["--mask", export_mask(mask, folder, feedback)]
+        return options + recipe_options(self, parameters, context)
+
+
+def _given(parameters: dict[str, Any], name: str) -> bool:
+    return parameters.get(name) is not None

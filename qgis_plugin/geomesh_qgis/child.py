@@ -1,0 +1,231 @@
+"""A child process that never outlives its reader, its lines read as they come. No Qt."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from types import TracebackType
+from typing import IO, Any
+
+# Of another Python, another PROJ or another GDAL: QGIS exports its own, and they would
+# make the child load the wrong libraries or, worse, read the wrong CRS database in silence.
+_FOREIGN = ("PYTHON", "PROJ_", "GDAL_", "DYLD_", "QGIS_")
+_FOREIGN_NAMES = ("VIRTUAL_ENV", "LD_LIBRARY_PATH", "LD_PRELOAD", "QT_PLUGIN_PATH")
+
+_POLL = 0.1
+_PATIENCE = 3.0
+_LAST_CHANCE = 1.0
+_KEPT_LINES = 40
+_LONGEST_LINE = 1 << 20
+
+# Without it a console window would flash up on Windows.
+_NO_WINDOW: int = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+
+
+class Cancelled(Exception):  # noqa: N818
+    """The user stopped the work."""
+
+
+def clean_environment(environ: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment variables for a child that is another Python.
+
+    Parameters
+    ----------
+    environ : mapping of str to str
+        Usually `os.environ`. Variables that point Python, PROJ, GDAL or the dynamic
+        linker to QGIS's own files are left out.
+    """
+    kept = {
+        name: value
+        for name, value in environ.items()
+        if not name.startswith(_FOREIGN) and name not in _FOREIGN_NAMES
+    }
+    # QGIS may be started in a folder of the user's that holds a numpy.py.
+    return {**kept, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1"}
+
+
+def ask(command: Sequence[str], timeout: float) -> subprocess.CompletedProcess[bytes]:
+    """Run a program that answers at once, and return what it wrote.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be started.
+    subprocess.TimeoutExpired
+        If it took longer than `timeout` seconds; it was killed.
+    """
+    return subprocess.run(
+        list(command),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        env=clean_environment(os.environ),
+        timeout=timeout,
+        creationflags=_NO_WINDOW,
+        check=False,
+    )
+
+
+class Child:
+    """A process whose standard input is a pipe that is held open, for use in a `with` statement.
+
+    However the statement is left, the process has ended by then.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments; no shell is involved.
+    environ : mapping of str to str
+    merge : bool
+        Whether what it writes on standard error is among its lines.
+    patience : float
+        Seconds that it has to end by itself once its standard input is closed.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be started.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        environ: Mapping[str, str],
+        *,
+        merge: bool = False,
+        patience: float = _PATIENCE,
+    ) -> None:
+        self.errors: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._patience = patience
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._process: subprocess.Popen[bytes] = subprocess.Popen(
+            list(command),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT if merge else subprocess.PIPE,
+            env=dict(environ),
+            creationflags=_NO_WINDOW,
+            # A group of its own: what it starts itself can be ended with it.
+            start_new_session=True,
+        )
+        self._readers = [self._read(self._process.stdout, self._lines.put, last=True)]
+        if not merge:
+            self._readers.append(self._read(self._process.stderr, self._keep_error, last=False))
+
+    def __enter__(self) -> Child:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    @property
+    def exit_code(self) -> int | None:
+        """As in `subprocess`: None while it runs, negative for a signal."""
+        return self._process.poll()
+
+    def lines(self, cancelled: Callable[[], bool]) -> Iterator[str]:
+        """Yield its lines as they come, until it has ended.
+
+        Raises
+        ------
+        Cancelled
+            As soon as `cancelled()` says so; it is asked every 0.1 s.
+        """
+        asked = float("-inf")
+        open_ = True
+        ended_since: float | None = None
+        while open_ or self.exit_code is None:
+            now = time.monotonic()
+            if now - asked >= _POLL:
+                asked = now
+                if cancelled():
+                    raise Cancelled
+            try:
+                line = self._lines.get(timeout=_POLL)
+            except queue.Empty:
+                if self.exit_code is not None:
+                    # Something that it started, and left behind, may hold the pipe.
+                    ended_since = ended_since or now
+                    open_ = open_ and now - ended_since < _LAST_CHANCE
+                continue
+            if line is None:
+                open_ = False
+            else:
+                yield line
+
+    def rest(self) -> Iterator[str]:
+        """Yield the lines that have come and were not read yet, without waiting."""
+        with suppress(queue.Empty):
+            while True:
+                line = self._lines.get_nowait()
+                if line is not None:
+                    yield line
+
+    def stop(self) -> None:
+        """End it: close its standard input, then terminate it, then kill it."""
+        with suppress(OSError):
+            if self._process.stdin:
+                self._process.stdin.close()
+        if not self._ends_within(self._patience):
+            self._signal("SIGTERM")
+            if not self._ends_within(_LAST_CHANCE):
+                self._signal("SIGKILL")
+                self._ends_within(_PATIENCE)
+        for reader in self._readers:
+            reader.join(timeout=_LAST_CHANCE)
+            if reader.is_alive():
+                # It has left something behind that still writes to us.
+                self._signal("SIGKILL")
+                reader.join(timeout=_LAST_CHANCE)
+        if not any(reader.is_alive() for reader in self._readers):
+            for stream in (self._process.stdout, self._process.stderr):
+                if stream:
+                    stream.close()
+
+    def _ends_within(self, seconds: float) -> bool:
+        try:
+            self._process.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def _signal(self, name: str) -> None:
+        with suppress(OSError):
+            if sys.platform != "win32":
+                os.killpg(self._process.pid, getattr(signal, name))
+            else:
+                self._process.kill()
+
+    def _keep_error(self, line: str | None) -> None:
+        if line and line.strip():
+            self.errors.append(line)
+
+    @staticmethod
+    def _read(
+        stream: IO[bytes] | None, take: Callable[[str | None], Any], *, last: bool
+    ) -> threading.Thread:
+        def read() -> None:
+            with suppress(OSError, ValueError):
+                while stream:
+                    line = stream.readline(_LONGEST_LINE)
+                    if not line:
+                        break
+                    take(line.decode("utf-8", "replace").rstrip("\r\n"))
+            if last:
+                take(None)
+
+        thread = threading.Thread(target=read, name="geomesh-reader", daemon=True)
+        thread.start()
+        return thread

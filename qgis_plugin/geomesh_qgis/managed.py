@@ -1,0 +1,173 @@
+"""The plugin's own environment and the wheel that it is made from. No Qt."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from .environment import (
+    MANAGED,
+    EnvironmentProblem,
+    Installation,
+    find,
+    forget_versions,
+    installation_at,
+    order,
+)
+
+_WHEEL = re.compile(r"geomesh_toolkit-([^-]+)-.*\.whl")
+
+_ATTEMPTS = 20
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What there is, for people to look at.
+
+    Parameters
+    ----------
+    used : Installation or None
+        None if there is a `problem`.
+    problem : str
+    managed : bool
+        Whether the plugin's own environment is there, working or not.
+    managed_version : str
+        "" if it does not work.
+    offered : str
+        Version that the plugin brings along; "" if none.
+    """
+
+    used: Installation | None
+    problem: str
+    managed: bool
+    managed_version: str
+    offered: str
+
+
+def bundled_wheel() -> Path:
+    """Return the wheel of geomesh that comes with the plugin.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If this copy of the plugin has none.
+    """
+    folder = Path(__file__).parent / "wheel"
+    wheels = [path for path in folder.glob("*.whl") if _WHEEL.fullmatch(path.name)]
+    if not wheels:
+        raise EnvironmentProblem(
+            f"there is no geomesh wheel in {folder}: install the plugin from its zip file, or run "
+            "`make plugin` in a checkout"
+        )
+    return max(wheels, key=lambda path: order(wheel_version(path)))
+
+
+def wheel_version(wheel: Path) -> str:
+    """Return the version that the name of a wheel tells.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If it is no wheel of geomesh.
+    """
+    match = _WHEEL.fullmatch(wheel.name)
+    if match is None:
+        raise EnvironmentProblem(
+            f"{wheel.name} is no wheel of geomesh; its name must be like "
+            "geomesh_toolkit-0.1.0-py3-none-any.whl"
+        )
+    return match[1]
+
+
+def is_managed_current(managed: Path, wheel: Path) -> bool:
+    """Return whether the plugin's own environment works and is as new as the wheel."""
+    try:
+        version = installation_at(str(managed), MANAGED).version
+    except EnvironmentProblem:
+        return False
+    return order(version) >= order(wheel_version(wheel))
+
+
+def survey(setting: str, managed: Path) -> Survey:
+    """Return what there is; problems are told, not raised."""
+    used, problem = None, ""
+    try:
+        used = find(setting, managed)
+    except EnvironmentProblem as error:
+        problem = error.message
+    managed_version = offered = ""
+    with suppress(EnvironmentProblem):
+        managed_version = installation_at(str(managed), MANAGED).version
+    with suppress(EnvironmentProblem):
+        offered = wheel_version(bundled_wheel())
+    return Survey(used, problem, managed.exists(), managed_version, offered)
+
+
+def remove(managed: Path) -> None:
+    """Remove the plugin's own environment, and what unfinished installations left of it.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If it cannot be removed, or is something else.
+    """
+    if managed.exists() and not (managed / "pyvenv.cfg").is_file() and any(managed.iterdir()):
+        raise EnvironmentProblem(
+            f"{managed} is no environment of Python, so it was kept; look what it is and move it"
+        )
+    for folder in (managed, beside(managed, "new"), beside(managed, "old")):
+        remove_folder(folder)
+    forget_versions()
+
+
+def beside(managed: Path, what: str) -> Path:
+    """Return the folder for an environment that is being made ("new") or replaced ("old")."""
+    return managed.with_name(f"{managed.name}.{what}")
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder that may not be there.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If something of it stays.
+    """
+    if folder.exists():
+        _insist(lambda: shutil.rmtree(folder), f"{folder} cannot be removed")
+
+
+def move_folder(folder: Path, place: Path) -> None:
+    """Move a folder within its file system.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If it cannot be moved.
+    """
+    _insist(lambda: folder.rename(place), f"{folder} cannot be moved to {place}")
+
+
+def _insist(act: Callable[[], object], otherwise: str) -> None:
+    """Try for two seconds: Windows keeps the files of a process that has just ended."""
+    reason = _failure(act)
+    for _ in range(_ATTEMPTS):
+        if not reason:
+            return
+        time.sleep(0.1)
+        reason = _failure(act)
+    if reason:
+        raise EnvironmentProblem(f"{otherwise} ({reason}); stop what runs in it and try again")
+
+
+def _failure(act: Callable[[], object]) -> str:
+    try:
+        act()
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""

@@ -1,0 +1,73 @@
+"""The plugin: its provider, its action and its page in the options."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from qgis.core import QgsApplication, QgsMapLayer, QgsRasterLayer
+from qgis.PyQt.QtGui import QIcon
+from qgis.PyQt.QtWidgets import QAction
+
+from .provider import ICON, GeomeshProvider
+from .settings import OptionsFactory
+
+if TYPE_CHECKING:
+    from qgis.gui import QgisInterface
+
+MENU = "&geomesh"
+
+
+class GeomeshPlugin:
+    """What QGIS loads: `initProcessing` alone without a desktop, `initGui` with one."""
+
+    def __init__(self, iface: QgisInterface | None) -> None:
+        self._iface = iface
+        self._provider: GeomeshProvider | None = None
+        self._options: OptionsFactory | None = None
+        self._action: QAction | None = None
+
+    def initProcessing(self) -> None:
+        """Offer the algorithms to Processing."""
+        # Registering a provider twice would delete the first one.
+        if QgsApplication.processingRegistry().providerById(GeomeshProvider.ID) is None:
+            self._provider = GeomeshProvider()
+            QgsApplication.processingRegistry().addProvider(self._provider)
+
+    def initGui(self) -> None:
+        """Add the toolbar button, the entry of the Raster menu and the options page."""
+        self.initProcessing()
+        self._options = OptionsFactory()
+        self._iface.registerOptionsWidgetFactory(self._options)
+        action = QAction(QIcon(str(ICON)), "Raster to mesh…", self._iface.mainWindow())
+        action.setObjectName("geomeshRasterToMesh")
+        action.setToolTip("<b>Raster to mesh</b><br>Turn the active raster into a triangle mesh")
+        action.triggered.connect(self._open_dialog)
+        self._action = action
+        self._iface.addToolBarIcon(action)
+        self._iface.addPluginToRasterMenu(MENU, action)
+        self._iface.currentLayerChanged.connect(self._enable_action)
+        self._enable_action(self._iface.activeLayer())
+
+    def unload(self) -> None:
+        """Take back everything that was added."""
+        if self._action is not None:
+            self._iface.currentLayerChanged.disconnect(self._enable_action)
+            self._iface.removeToolBarIcon(self._action)
+            self._iface.removePluginRasterMenu(MENU, self._action)
+            self._action.deleteLater()
+            self._action = None
+        if self._options is not None:
+            self._iface.unregisterOptionsWidgetFactory(self._options)
+            self._options = None
+        if self._provider is not None:
+            QgsApplication.processingRegistry().removeProvider(self._provider)
+            self._provider = None
+
+    def _enable_action(self, layer: QgsMapLayer | None) -> None:
+        self._action.setEnabled(isinstance(layer, QgsRasterLayer) and layer.isValid())
+
+    def _open_dialog(self) -> None:
+        import processing
+
+        layer = self._iface.activeLayer()
+        processing.execAlgorithmDialog(f"{GeomeshProvider.ID}:rastertomesh", {"INPUT": layer.id()})

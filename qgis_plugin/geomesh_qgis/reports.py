@@ -1,0 +1,74 @@
+"""Reports for the results viewer, as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+_FIGURES = ("mean", "median", "p5", "p95", "min", "max")
+
+# The results viewer knows little more of CSS than this.
+_STYLE = """
+body { font-family: sans-serif; }
+th, td { padding: 3px 10px; text-align: right; }
+th.name, td.name { text-align: left; }
+th { border-bottom: 1px solid #888888; }
+tr.key td { font-weight: bold; }
+"""
+_KEY_MEASURES = ("ki", "min_angle", "shape")
+
+
+def quality_report(name: str, summary: Mapping[str, Any], unit: str) -> str:
+    """Return the table of measures of a mesh.
+
+    Parameters
+    ----------
+    name : str
+        Of the mesh.
+    summary : mapping
+        As `geomesh quality` gives it.
+    unit : str
+        Of lengths.
+    """
+    head = "".join(f"<th>{figure}</th>" for figure in _FIGURES)
+    rows = "".join(
+        f'<tr{" class=key" if measure in _KEY_MEASURES else ""}><td class="name">{measure}</td>'
+        + "".join(f"<td>{_spell(values[figure])}</td>" for figure in _FIGURES)
+        + "</tr>"
+        for measure, values in summary["measures"].items()
+    )
+    small = "".join(
+        f"<li>{share or 0:.2%} of the triangles have an angle under {limit}°</li>"
+        for limit, share in summary["share_min_angle_under"].items()
+    )
+    body = (
+        f"<p>{summary['nodes']:,} nodes, {summary['triangles']:,} triangles; lengths in {unit}.</p>"
+        f'<table cellspacing="0"><tr><th class="name">measure</th>{head}</tr>{rows}</table>'
+        f"<ul>{small}"
+        f"<li>Ki / √(area / nodes) = {_spell(summary['ki_normalised'])}, "
+        "which unlike Ki does not depend on how fine a mesh is</li></ul>"
+        f"<p>{escape(summary['labelling'])}.</p>"
+    )
+    return _page(f"Quality of {name}", body)
+
+
+def picture_report(title: str, picture: Path) -> str:
+    """Return a page that shows a picture."""
+    if picture.suffix.lower() == ".pdf":
+        shown = f'<p><a href="{picture.as_uri()}">{escape(picture.name)}</a></p>'
+    else:
+        shown = f'<p><img src="{picture.as_uri()}"/></p>'
+    return _page(title, shown)
+
+
+def _page(title: str, body: str) -> str:
+    return (
+        f'<html><head><meta charset="utf-8"/><title>{escape(title)}</title>'
+        f"<style>{_STYLE}</style></head><body><h2>{escape(title)}</h2>{body}</body></html>\n"
+    )
+
+
+def _spell(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

@@ -1,0 +1,74 @@
+"""Try a geomesh out: any answers, but only a mesh shows that its libraries work. No Qt."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from .environment import OPTIONS, EnvironmentProblem, Installation
+from .runner import RunError, run
+
+_TOLD = ("--progress", "jsonl", "--until-eof")
+
+
+def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lambda: False) -> str:
+    """Make a mesh of a tiny raster, and return the version of geomesh.
+
+    Raises
+    ------
+    Cancelled
+        If it was stopped.
+    EnvironmentProblem
+        If there is no mesh, or geomesh does not understand coordinate systems.
+    """
+    warnings: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="geomesh-test-") as folder:
+        raster = write_test_raster(Path(folder))
+        mesh = raster.with_name("mesh.gpkg")
+        try:
+            run(
+                [*installation.command, "mesh", str(raster), "-o", str(mesh), *_TOLD],
+                progress=lambda _fraction, _message: None,
+                warn=warnings.append,
+                cancelled=cancelled,
+                places=[mesh.parent],
+            )
+        except RunError as error:
+            raise EnvironmentProblem(
+                f"{installation.command[0]} cannot mesh a test image: {error.message}",
+                error.details,
+            ) from error
+        if not mesh.is_file():
+            raise EnvironmentProblem(
+                f"{installation.command[0]} meshed a test image but wrote no file; choose or "
+                f"install another geomesh in {OPTIONS}"
+            )
+    lost = [warning for warning in warnings if "CRS" in warning]
+    if lost:
+        raise EnvironmentProblem(
+            f"{installation.command[0]} does not understand coordinate systems ({lost[0]}); "
+            f"install another geomesh in {OPTIONS}",
+            tuple(warnings),
+        )
+    return installation.version
+
+
+def write_test_raster(folder: Path) -> Path:
+    """Write a georeferenced image of 48 x 48 pixels that has features to find."""
+    size = 48
+
+    def pixel(row: int, col: int) -> int:
+        in_disc = (row % 12 - 6) ** 2 + (col % 12 - 6) ** 2 < 14
+        return 40 + 30 * ((row // 12 + 2 * col // 12) % 6) if in_disc else 20 + row
+
+    header = f"ncols {size}\nnrows {size}\nxllcorner -35\nyllcorner -8\ncellsize 0.001\n"
+    rows = (" ".join(str(pixel(row, col)) for col in range(size)) for row in range(size))
+    path = folder / "test.asc"
+    path.write_text(header + "\n".join(rows) + "\n", encoding="ascii")
+    path.with_suffix(".prj").write_text(
+        'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+        'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]',
+        encoding="ascii",
+    )
+    return path

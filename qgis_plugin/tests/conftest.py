@@ -1,0 +1,139 @@
+"""What the tests of the plugin share. They run in the Python of QGIS: make test-qgis."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+PLUGINS = HERE.parent  # what QGIS_PLUGINPATH has to be
+ROOT = PLUGINS.parent
+SAMPLES_FOLDER = ROOT / "data_samples"
+
+sys.path.insert(0, str(PLUGINS))
+
+# QGIS computes statistics of a raster that it opens, and GDAL would keep them beside the samples.
+os.environ["GDAL_PAM_ENABLED"] = "NO"
+
+
+def pytest_collection_modifyitems(items):
+    # Loading and unloading the plugin takes away the provider that other tests use: it comes last.
+    items.sort(key=lambda item: item.path.name == "test_plugin.py")
+
+
+@pytest.fixture(scope="session")
+def samples() -> Path:
+    """The folder of sample rasters."""
+    return SAMPLES_FOLDER
+
+
+@pytest.fixture(scope="session")
+def olinda() -> Path:
+    """Three bands of Landsat 7, 349 by 352 pixels, UTM 25S."""
+    return SAMPLES_FOLDER / "olinda_landsat7_rgb_uint8.tif"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def geomesh_python() -> Path:
+    """The interpreter of the environment that holds geomesh; the plugin finds it the same way."""
+    python = os.environ.get("GEOMESH_PYTHON", "")
+    if not python or not Path(python).exists():
+        pytest.exit("GEOMESH_PYTHON has to name a Python with geomesh: use make test-qgis", 2)
+    return Path(python)
+
+
+@pytest.fixture(scope="session")
+def processing(qgis_processing):
+    """The module `processing`, ready to run."""
+    import processing
+
+    return processing
+
+
+@pytest.fixture(scope="session")
+def provider(qgis_app, processing):
+    """The provider of geomesh, registered for the whole session."""
+    from geomesh_qgis.provider import GeomeshProvider
+
+    registry = qgis_app.processingRegistry()
+    # The plugin may have registered it: a second one of the same id would delete the first.
+    known = registry.providerById(GeomeshProvider.ID)
+    if known is not None:
+        yield known
+        return
+    provider = GeomeshProvider()
+    assert registry.addProvider(provider)
+    yield provider
+    # What removes it deletes it; a test may have done so.
+    if registry.providerById(GeomeshProvider.ID) is not None:
+        registry.removeProvider(GeomeshProvider.ID)
+
+
+@pytest.fixture
+def project(qgis_new_project):
+    """An empty project, emptied again: layers that outlive their test crash QGIS at its end."""
+    from qgis.core import QgsProject
+
+    yield QgsProject.instance()
+    QgsProject.instance().clear()
+
+
+@pytest.fixture(scope="session")
+def qgis_environment(tmp_path_factory):
+    """Make the environment of a QGIS process that knows nothing of the user's."""
+
+    def make(profile: Path, plugins: Path | None = PLUGINS) -> dict[str, str]:
+        runtime = tmp_path_factory.mktemp("runtime")
+        runtime.chmod(0o700)  # Qt refuses others
+        environment = {
+            name: value
+            for name, value in os.environ.items()
+            if not name.startswith(("QGIS_", "PYTEST_", "PYTHON", "VIRTUAL_ENV", "XDG_"))
+        }
+        environment.update(
+            XDG_RUNTIME_DIR=str(runtime),
+            QGIS_CUSTOM_CONFIG_PATH=str(profile),
+            QT_QPA_PLATFORM="offscreen",
+            LC_ALL="C.UTF-8",
+        )
+        if plugins:
+            environment["QGIS_PLUGINPATH"] = str(plugins)
+        return environment
+
+    return make
+
+
+def find_program(name: str) -> str:
+    """Debian's `qgis_process` of QGIS 3.22 is a wrapper that always fails; the .bin works."""
+    found = shutil.which(f"{name}.bin") or shutil.which(name)
+    assert found, f"{name} is not installed: apt-get install qgis"
+    return found
+
+
+@pytest.fixture(scope="session")
+def qgis_process(tmp_path_factory, qgis_environment):
+    """Run `qgis_process` with the plugin enabled, in a profile of the session."""
+    profile = tmp_path_factory.mktemp("profile")
+    environment = qgis_environment(profile)
+
+    def run(*arguments, check=True, timeout=300, **more):
+        result = subprocess.run(
+            [find_program("qgis_process"), *map(str, arguments)],
+            env={**environment, **more},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+        if check:
+            assert result.returncode == 0, result.stdout + result.stderr
+        return result
+
+    run("plugins", "enable", "geomesh_qgis")
+    return run

@@ -1,0 +1,111 @@
+"""What a script inside QGIS needs: steps that wait without blocking, a report, an end in time."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import traceback
+from collections.abc import Generator
+from pathlib import Path
+from typing import Callable
+
+from qgis.core import QgsProject
+from qgis.gui import QgsProcessingAlgorithmDialogBase
+from qgis.PyQt.QtCore import QTimer
+from qgis.PyQt.QtWidgets import QApplication, QMessageBox, QWidget
+from qgis.utils import iface
+
+POLL = 100  # ms
+
+
+class Driver:
+    """Runs a generator of steps from QGIS's event loop.
+
+    The generator yields functions. It goes on when one of them has given something true, and
+    gets that. A dialog may have an event loop of its own: the timer ticks in that one too.
+    """
+
+    def __init__(self, steps: Callable[[Driver], Generator], timeout: float = 90) -> None:
+        self.report: dict = {"boxes": [], "exceptions": [], "failure": None}
+        self._timeout = timeout
+        self._steps = steps(self)
+        self._awaited: Callable[[], object] | None = None
+        self._since = time.monotonic()
+        self._busy = False
+        sys.excepthook = self._note_exception  # else QGIS shows a window
+        self._timer = QTimer()
+        self._timer.timeout.connect(self._tick)
+        self._timer.start(POLL)
+
+    def picture(self, path: Path, widget: QWidget | None = None) -> None:
+        """Save what the screen shows, or one window."""
+        image = widget.grab() if widget else QApplication.primaryScreen().grabWindow(0)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        image.save(str(path))
+
+    def _note_exception(self, kind, error, trace) -> None:
+        self.report["exceptions"].append("".join(traceback.format_exception(kind, error, trace)))
+
+    def _tick(self) -> None:
+        if self._busy:  # a step has opened a dialog, and this is the event loop of that
+            return
+        self._busy = True
+        try:
+            self._close_boxes()
+            value = self._awaited() if self._awaited else None
+            if value or not self._awaited:
+                self._awaited = self._steps.send(value)
+                self._since = time.monotonic()
+            elif time.monotonic() - self._since > self._timeout:
+                line = self._steps.gi_frame.f_lineno
+                raise TimeoutError(f"line {line} waited {self._timeout} s")
+        except StopIteration:
+            self._end()
+        except Exception:
+            self.report["failure"] = traceback.format_exc()
+            self._end()
+        finally:
+            self._busy = False
+
+    def _close_boxes(self) -> None:
+        """Note and close message boxes: no one is there to read them."""
+        for window in QApplication.topLevelWidgets():
+            if isinstance(window, QMessageBox) and window.isVisible():
+                self.report["boxes"].append(window.text())
+                window.reject()
+
+    def _end(self) -> None:
+        self._timer.stop()
+        path = Path(os.environ["GEOMESH_TEST_REPORT"])
+        if self.report["failure"]:
+            self.picture(path.with_name("failure.png"))
+        path.write_text(json.dumps(self.report, indent=1, default=str))
+        if self.report["failure"]:
+            os._exit(1)  # the event loop of an open dialog would hold up any other way out
+        QgsProject.instance().clear()  # else QGIS asks about what is not saved
+        QTimer.singleShot(0, iface.actionExit().trigger)
+
+
+def processing_dialog() -> QgsProcessingAlgorithmDialogBase | None:
+    """The dialog of an algorithm that is open."""
+    for window in QApplication.topLevelWidgets():
+        if isinstance(window, QgsProcessingAlgorithmDialogBase) and window.isVisible():
+            return window
+    return None
+
+
+def canvas_is_still() -> Callable[[], bool]:
+    """A function that tells whether the map has been drawn for half a second."""
+    canvas = iface.mapCanvas()
+    canvas.refresh()
+    busy = time.monotonic()
+
+    def still() -> bool:
+        nonlocal busy
+        if canvas.isDrawing():
+            busy = time.monotonic()
+        return time.monotonic() - busy > 0.5
+
+    return still

@@ -1,0 +1,197 @@
+"""Results in the project: loaded, in order, dressed, and saying how they were made."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from qgis.core import (
+    QgsMapLayerType,
+    QgsMapRendererParallelJob,
+    QgsMapSettings,
+    QgsProcessingContext,
+    QgsProcessingFeedback,
+    QgsProcessingModelAlgorithm,
+    QgsProcessingModelChildAlgorithm,
+    QgsProcessingModelChildParameterSource,
+    QgsProcessingModelOutput,
+    QgsProcessingModelParameter,
+    QgsProcessingParameterRasterLayer,
+    QgsProject,
+    QgsRasterLayer,
+    QgsVectorLayer,
+)
+from qgis.PyQt.QtCore import QSize
+from qgis.PyQt.QtGui import QColor, QImage
+
+
+@pytest.fixture
+def loaded(provider, processing, olinda, tmp_path, project):
+    """Run as the dialog does, with everything loaded into the project."""
+
+    def load(algorithm="geomesh:rastertomesh", **parameters):
+        given = {"INPUT": str(olinda), "OUTPUT": str(tmp_path / "mesh.gpkg"), **parameters}
+        processing.runAndLoadResults(algorithm, given)
+        return {layer.name(): layer for layer in project.mapLayers().values()}
+
+    return load
+
+
+def test_layers_are_named_after_the_raster_and_ordered(loaded, project, tmp_path):
+    layers = loaded(LAYERS=[0, 1, 2], MESH=str(tmp_path / "mesh.nc"))
+    name = "olinda_landsat7_rgb_uint8"
+    tree = [node.name() for node in project.layerTreeRoot().findLayers()]
+    assert tree == [f"{name} {part}" for part in ("nodes", "edges", "triangles", "mesh")]
+    assert set(tree) == set(layers)
+    assert all(layer.isValid() for layer in layers.values())
+    assert layers[f"{name} mesh"].type() == QgsMapLayerType.MeshLayer
+
+
+def test_only_the_layers_asked_for(loaded):
+    assert [name.rpartition(" ")[2] for name in loaded(LAYERS=[2], NODES=100)] == ["nodes"]
+
+
+def test_recipe_and_certificate_are_in_the_layer_properties(loaded):
+    layer = next(layer for name, layer in loaded(NODES=150).items() if name.endswith("triangles"))
+    metadata = layer.metadata()
+    assert "150 nodes" in metadata.abstract()
+    assert "canny_low" in metadata.abstract()
+    assert "empty circumcircles" in metadata.abstract()
+    assert metadata.crs().authid() == "EPSG:31985"
+    assert any("olinda_landsat7_rgb_uint8.tif" in line for line in metadata.history())
+    assert json.loads(layer.customProperty("geomesh/recipe"))["nodes"] == 150
+
+
+def test_project_keeps_layers_style_and_recipe(loaded, project, tmp_path):
+    loaded(NODES=200, MESH=str(tmp_path / "mesh.nc"))
+    file = str(tmp_path / "project.qgz")
+    assert project.write(file)
+    project.clear()
+    assert QgsProject.instance().read(file)
+    layers = {layer.name().rpartition(" ")[2]: layer for layer in project.mapLayers().values()}
+    assert set(layers) == {"triangles", "nodes", "mesh"}
+    assert layers["triangles"].crs().authid() == "EPSG:31985"
+    assert layers["triangles"].renderer().symbol().symbolLayerCount() == 2
+    assert json.loads(layers["nodes"].customProperty("geomesh/recipe"))["nodes"] == 200
+    assert layers["mesh"].rendererSettings().activeScalarDatasetGroup() >= 0
+
+
+def test_quality_of_a_loaded_mesh(loaded, tmp_path):
+    layers = loaded(NODES=200)
+    nodes = next(layer for name, layer in layers.items() if name.endswith("nodes"))
+    layers = loaded(
+        "geomesh:meshquality", INPUT=nodes.id(), OUTPUT=str(tmp_path / "measured.gpkg"), SPACE=1
+    )
+    names = layers["mesh measured triangles"].fields().names()
+    assert {"ki", "map_ki", "map_radius_ratio", "color"} <= set(names)
+
+
+# A model: results go on to the next algorithm, and nothing is loaded but the model's outputs
+
+
+@pytest.fixture
+def model(provider):
+    model = QgsProcessingModelAlgorithm("mesh and measure", "tests")
+    raster = QgsProcessingModelParameter("raster")
+    model.addModelParameter(QgsProcessingParameterRasterLayer("raster", "Raster"), raster)
+    source = QgsProcessingModelChildParameterSource
+    meshing = QgsProcessingModelChildAlgorithm("geomesh:rastertomesh")
+    meshing.setChildId("mesh")
+    meshing.addParameterSources("INPUT", [source.fromModelParameter("raster")])
+    meshing.addParameterSources("NODES", [source.fromStaticValue(120)])
+    model.addChildAlgorithm(meshing)
+    measuring = QgsProcessingModelChildAlgorithm("geomesh:meshquality")
+    measuring.setChildId("measure")
+    measuring.addParameterSources("INPUT", [source.fromChildOutput("mesh", "OUTPUT")])
+    output = QgsProcessingModelOutput("measured", "Measured mesh")
+    output.setChildId("measure")
+    output.setChildOutputName("OUTPUT")
+    measuring.setModelOutputs({"measured": output})
+    model.addChildAlgorithm(measuring)
+    return model
+
+
+def test_model(model, olinda, project):
+    context = QgsProcessingContext()
+    context.setProject(project)
+    feedback = QgsProcessingFeedback(False)
+    given = {"raster": str(olinda), "measure:measured": "TEMPORARY_OUTPUT"}
+    assert model.checkParameterValues(given, context) == (True, "")
+    results, passed = model.run(given, context, feedback, {}, False)
+    assert passed
+    layer = QgsVectorLayer(results["measure:measured"], "measured", "ogr")
+    assert layer.isValid()
+    assert "radius_ratio" in layer.fields().names()
+    assert results["CHILD_RESULTS"]["mesh"]["NODE_COUNT"] <= 120
+    assert context.layersToLoadOnCompletion() == {}
+
+
+def test_model_loads_what_it_calls_its_output(model, olinda, project, processing):
+    processing.runAndLoadResults(
+        model, {"raster": str(olinda), "measure:measured": "TEMPORARY_OUTPUT"}
+    )
+    assert [layer.name() for layer in project.mapLayers().values()] == ["measured"]
+
+
+# What one sees
+
+
+def paint(layers, extent, side=300) -> QImage:
+    settings = QgsMapSettings()
+    settings.setLayers(layers)
+    settings.setOutputSize(QSize(side, side))
+    settings.setExtent(extent)
+    settings.setDestinationCrs(layers[0].crs())
+    settings.setBackgroundColor(QColor("magenta"))
+    job = QgsMapRendererParallelJob(settings)
+    job.start()
+    job.waitForFinished()
+    assert job.errors() == []
+    return job.renderedImage()
+
+
+def blocks(image: QImage, count=12) -> list[tuple[float, float, float]]:
+    """Mean colours of a grid of blocks: what one sees from afar."""
+    from qgis.PyQt.QtCore import Qt
+
+    small = image.scaled(
+        count,
+        count,
+        Qt.AspectRatioMode.IgnoreAspectRatio,
+        Qt.TransformationMode.SmoothTransformation,
+    )
+    colors = (small.pixelColor(x, y) for y in range(count) for x in range(count))
+    return [(color.red(), color.green(), color.blue()) for color in colors]
+
+
+def difference(one, other) -> float:
+    pairs = zip(blocks(one), blocks(other))
+    return sum(abs(a - b) for left, right in pairs for a, b in zip(left, right)) / (3 * 144)
+
+
+@pytest.mark.parametrize("sample", ["olinda_landsat7_rgb_uint8", "rmnp_rgb"])
+def test_the_map_looks_like_the_image(loaded, samples, tmp_path, project, sample):
+    raster = QgsRasterLayer(str(samples / f"{sample}.tif"), "raster")
+    layers = loaded(INPUT=str(samples / f"{sample}.tif"), MESH=str(tmp_path / "mesh.nc"))
+    seen = {name.rpartition(" ")[2]: layer for name, layer in layers.items()}
+    expected = paint([raster], raster.extent())
+    triangles = paint([seen["triangles"]], raster.extent())
+    mesh = paint([seen["mesh"]], raster.extent())
+    blank = QImage(300, 300, QImage.Format.Format_RGB32)
+    blank.fill(QColor("gray"))
+    assert difference(expected, blank) > 25  # the comparison can fail
+    assert difference(expected, mesh) < 6
+    assert difference(expected, triangles) < 20  # edges are drawn over the colours
+    both = paint([seen["nodes"], seen["triangles"]], raster.extent())
+    assert difference(triangles, both) > 0  # nodes are there
+
+
+def test_from_afar_neither_edges_nor_nodes_hide_the_image(loaded, olinda):
+    layers = loaded()
+    seen = {name.rpartition(" ")[2]: layer for name, layer in layers.items()}
+    extent = seen["triangles"].extent()
+    extent.scale(60)
+    small = paint([seen["nodes"], seen["triangles"]], extent)
+    alone = paint([seen["triangles"]], extent)
+    assert small == alone
+    assert seen["nodes"].minimumScale() > 0
