@@ -120,7 +120,7 @@ for release in "${releases[@]}"; do
     echo "== $release: make test-qgis"
     inside "$folder/$release" CI=true make -C /geomesh test-qgis PYTHON=/usr/bin/python3 \
         >>"$log" 2>&1 || { failed=1; tail -n 60 "$log"; }
-    result=$(grep -aE '^=+ .*(passed|failed|error).* in [0-9.]+s.*=+$' "$log" | tail -n 1 | tr -d '=')
+    result=$(grep -aE '^=+ .*(passed|failed|error).* in [0-9.]+s.*=+$' "$log" | tail -n 1 | tr -d '=' || true)
     summary+=("$release: $(versions "$folder/$release"): ${result:-no result, see $log}")
 done
 ((${#summary[@]} == 0)) || printf '%s\n' "${summary[@]}"

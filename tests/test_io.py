@@ -771,7 +771,7 @@ def test_boundary_of_the_hand_made_mesh_is_its_outline() -> None:
     assert set(edge_keys(boundary_edges(mesh.triangles))) == set(edge_keys(mesh.constraints))
 
 
-@pytest.mark.parametrize("name", ['a;b"c\'d', "x!y", "é 海 (1) #2 50%25 &$HOME", "GPKG:x", "a,b=c"])
+@pytest.mark.parametrize("name", ["a;b\"c'd", "x!y", "é 海 (1) #2 50%25 &$HOME", "GPKG:x", "a,b=c"])
 def test_names_that_others_stumble_over(tmp_path: Path, name: str) -> None:
     mesh = two_triangles()
     path = write_mesh(mesh, tmp_path / f"{name}.gpkg")

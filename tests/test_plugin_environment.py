@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from geomesh_qgis import environment, installing, managed, trial
-from geomesh_qgis.child import Cancelled
-from geomesh_qgis.environment import (
+from geomesh_qgis.engine import environment, installing, managed, trial
+from geomesh_qgis.engine.child import Cancelled
+from geomesh_qgis.engine.environment import (
     MANAGED,
     PATH,
     SETTING,
@@ -20,10 +20,10 @@ from geomesh_qgis.environment import (
     forget_versions,
     installation_at,
 )
-from geomesh_qgis.installing import explain, install, pip_fraction
-from geomesh_qgis.managed import is_managed_current, remove, survey, wheel_version
-from geomesh_qgis.pythons import BasePython, choose, find_base_python, look, probe
-from geomesh_qgis.trial import self_test
+from geomesh_qgis.engine.installing import explain, install, pip_fraction
+from geomesh_qgis.engine.managed import is_managed_current, remove, survey, wheel_version
+from geomesh_qgis.engine.pythons import BasePython, choose, find_base_python, look, probe
+from geomesh_qgis.engine.trial import self_test
 
 import geomesh
 
@@ -203,7 +203,7 @@ def test_versions_compare_as_numbers(smaller, larger):
 
 
 def test_the_newest_wheel_beside_the_plugin_is_taken(tmp_path, monkeypatch):
-    monkeypatch.setattr(managed, "__file__", str(tmp_path / "managed.py"))
+    monkeypatch.setattr(managed, "WHEELS", tmp_path / "wheel")
     with pytest.raises(EnvironmentProblem, match="make plugin"):
         managed.bundled_wheel()
     (tmp_path / "wheel").mkdir()
@@ -220,7 +220,7 @@ def test_other_wheels_are_refused(own):
 
 
 def test_what_there_is_is_told_without_an_exception(own, tmp_path, monkeypatch):
-    monkeypatch.setattr(managed, "__file__", str(tmp_path / "managed.py"))
+    monkeypatch.setattr(managed, "WHEELS", tmp_path / "wheel")
     there_is = survey("", own)
     assert there_is.used is None
     assert "not installed" in there_is.problem

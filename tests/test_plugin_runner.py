@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from conftest import SAMPLES
-from geomesh_qgis.child import clean_environment
-from geomesh_qgis.runner import Cancelled, Outcome, RunError, run
+from geomesh_qgis.engine.child import clean_environment
+from geomesh_qgis.engine.runner import Cancelled, Outcome, RunError, run
 
 import geomesh
 
@@ -407,7 +407,7 @@ def test_the_command_ends_when_qgis_is_killed(tmp_path):
 
 PARENT = """
 import sys
-from geomesh_qgis.runner import run
+from geomesh_qgis.engine.runner import run
 
 def progress(fraction, message):
     if fraction >= 0.1:

@@ -9,7 +9,7 @@ from qgis.gui import QgsOptionsPageWidget, QgsOptionsWidgetFactory
 from qgis.PyQt.QtGui import QIcon
 from qgis.PyQt.QtWidgets import QWidget
 
-from .environment import Installation, find
+from .engine.environment import Installation, find
 
 _PYTHON = "geomesh/python"
 
@@ -53,6 +53,6 @@ class OptionsFactory(QgsOptionsWidgetFactory):
 
     def createWidget(self, parent: QWidget | None) -> QgsOptionsPageWidget:
         """Make the page."""
-        from .options import OptionsPage
+        from .options.page import OptionsPage
 
         return OptionsPage(parent)

@@ -26,6 +26,18 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.path.name == "test_plugin.py")
 
 
+@pytest.fixture(autouse=True)
+def no_message_box(monkeypatch):
+    """A message box fails the test that opens it, with what it says: no one would close it."""
+    from qgis.PyQt.QtWidgets import QMessageBox
+
+    def refuse(_parent, title, text, *_, **__):
+        raise AssertionError(f"message box: {title}: {text}")
+
+    for kind in ("critical", "warning", "information", "question"):
+        monkeypatch.setattr(QMessageBox, kind, refuse)
+
+
 @pytest.fixture(scope="session")
 def samples() -> Path:
     """The folder of sample rasters."""

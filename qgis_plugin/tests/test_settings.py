@@ -13,9 +13,12 @@ from qgis.gui import QgsFileWidget
 from qgis.PyQt import sip
 from qgis.PyQt.QtWidgets import QLabel, QMessageBox, QPlainTextEdit, QProgressBar, QPushButton
 
-from geomesh_qgis import installing, managed, options, settings, work
-from geomesh_qgis.environment import MANAGED, SETTING, EnvironmentProblem, forget_versions
-from geomesh_qgis.options import OptionsPage
+from geomesh_qgis import settings
+from geomesh_qgis.engine import installing, managed
+from geomesh_qgis.engine.environment import MANAGED, SETTING, EnvironmentProblem, forget_versions
+from geomesh_qgis.options import page as options
+from geomesh_qgis.options import work
+from geomesh_qgis.options.page import OptionsPage
 from geomesh_qgis.settings import OptionsFactory
 
 PATIENCE = 30.0
@@ -63,7 +66,7 @@ def wheel(monkeypatch, tmp_path):
     """Return a function that makes the plugin bring along a wheel of some version."""
 
     def bring(version="0.1.0"):
-        monkeypatch.setattr(managed, "__file__", str(tmp_path / "managed.py"))
+        monkeypatch.setattr(managed, "WHEELS", tmp_path / "wheel")
         folder = tmp_path / "wheel"
         folder.mkdir(exist_ok=True)
         (folder / f"geomesh_toolkit-{version}-py3-none-any.whl").touch()

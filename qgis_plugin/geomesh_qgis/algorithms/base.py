@@ -14,7 +14,8 @@ from qgis.core import (
 )
 from qgis.PyQt.QtGui import QIcon
 
-from .. import environment, results, runner, settings
+from .. import results, settings
+from ..engine import environment, runner
 
 PRESETS = {
     "features": "features: the raster's own resolution",

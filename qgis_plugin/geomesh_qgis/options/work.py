@@ -8,7 +8,7 @@ from typing import Any
 from qgis.core import Qgis, QgsApplication, QgsMessageLog, QgsTask
 from qgis.PyQt.QtCore import pyqtSignal
 
-from .child import Cancelled
+from ..engine.child import Cancelled
 
 Report = Callable[[float, str], None]
 Cancel = Callable[[], bool]

@@ -8,14 +8,14 @@ from qgis.gui import QgsOptionsPageWidget, QgsScrollArea
 from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import QFrame, QMessageBox, QVBoxLayout, QWidget
 
+from ..engine.child import Cancelled
+from ..engine.environment import MANAGED, EnvironmentProblem, find, forget_versions
+from ..engine.installing import install
+from ..engine.managed import Survey, bundled_wheel, remove, survey
+from ..engine.trial import self_test
+from ..settings import managed_folder, python_setting, set_python_setting
 from . import work
-from .child import Cancelled
-from .environment import MANAGED, EnvironmentProblem, find, forget_versions
-from .installing import install
-from .managed import Survey, bundled_wheel, remove, survey
-from .options_form import OptionsForm
-from .settings import managed_folder, python_setting, set_python_setting
-from .trial import self_test
+from .form import OptionsForm
 
 LOOKING = "Looking for geomesh"
 

@@ -20,8 +20,8 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from .environment import order
-from .managed import Survey
+from ..engine.environment import order
+from ..engine.managed import Survey
 
 
 class OptionsForm(QWidget):

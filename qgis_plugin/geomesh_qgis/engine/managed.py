@@ -20,6 +20,9 @@ from .environment import (
     order,
 )
 
+# Where the zip file of the plugin has it.
+WHEELS = Path(__file__).parents[1] / "wheel"
+
 _WHEEL = re.compile(r"geomesh_toolkit-([^-]+)-.*\.whl")
 
 _ATTEMPTS = 20
@@ -57,11 +60,10 @@ def bundled_wheel() -> Path:
     EnvironmentProblem
         If this copy of the plugin has none.
     """
-    folder = Path(__file__).parent / "wheel"
-    wheels = [path for path in folder.glob("*.whl") if _WHEEL.fullmatch(path.name)]
+    wheels = [path for path in WHEELS.glob("*.whl") if _WHEEL.fullmatch(path.name)]
     if not wheels:
         raise EnvironmentProblem(
-            f"there is no geomesh wheel in {folder}: install the plugin from its zip file, or run "
+            f"there is no geomesh wheel in {WHEELS}: install the plugin from its zip file, or run "
             "`make plugin` in a checkout"
         )
     return max(wheels, key=lambda path: order(wheel_version(path)))

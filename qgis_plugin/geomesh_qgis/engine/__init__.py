@@ -1,0 +1,1 @@
+"""The geomesh that the plugin runs: found, installed, tried out, and run. No QGIS, no Qt."""
