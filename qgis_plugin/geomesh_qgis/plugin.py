@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from qgis.core import QgsApplication, QgsMapLayer, QgsRasterLayer
+from qgis.core import Qgis, QgsApplication, QgsMapLayer, QgsRasterLayer
 from qgis.PyQt.QtGui import QIcon
-from qgis.PyQt.QtWidgets import QAction
+from qgis.PyQt.QtWidgets import QAction, QPushButton
 
+from . import settings
+from .engine.environment import EnvironmentProblem
 from .provider import ICON, GeomeshProvider
-from .settings import OptionsFactory
 
 if TYPE_CHECKING:
     from qgis.gui import QgisInterface
@@ -23,7 +24,7 @@ class GeomeshPlugin:
     def __init__(self, iface: QgisInterface | None) -> None:
         self._iface = iface
         self._provider: GeomeshProvider | None = None
-        self._options: OptionsFactory | None = None
+        self._options: settings.OptionsFactory | None = None
         self._action: QAction | None = None
 
     def initProcessing(self) -> None:
@@ -36,7 +37,7 @@ class GeomeshPlugin:
     def initGui(self) -> None:
         """Add the toolbar button, the entry of the Raster menu and the options page."""
         self.initProcessing()
-        self._options = OptionsFactory()
+        self._options = settings.OptionsFactory()
         self._iface.registerOptionsWidgetFactory(self._options)
         action = QAction(QIcon(str(ICON)), "Raster to mesh…", self._iface.mainWindow())
         action.setObjectName("geomeshRasterToMesh")
@@ -69,5 +70,23 @@ class GeomeshPlugin:
     def _open_dialog(self) -> None:
         import processing
 
+        try:
+            settings.installation()
+        except EnvironmentProblem as problem:
+            self._offer_options(str(problem))
+            return
         layer = self._iface.activeLayer()
         processing.execAlgorithmDialog(f"{GeomeshProvider.ID}:rastertomesh", {"INPUT": layer.id()})
+
+    def _offer_options(self, reason: str) -> None:
+        """Say why there can be no mesh yet, with a button to where that can be changed."""
+        bar = self._iface.messageBar()
+        item = bar.createMessage("geomesh", reason)
+        button = QPushButton("Open the options…")
+        button.setObjectName("geomeshOpenOptions")
+        button.clicked.connect(bar.popWidget)
+        button.clicked.connect(
+            lambda: self._iface.showOptionsDialog(self._iface.mainWindow(), settings.PAGE)
+        )
+        item.layout().addWidget(button)
+        bar.pushWidget(item, Qgis.MessageLevel.Warning)

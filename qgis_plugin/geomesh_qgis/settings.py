@@ -11,6 +11,9 @@ from qgis.PyQt.QtWidgets import QWidget
 
 from .engine.environment import Installation, find
 
+# The name by which QGIS opens the page.
+PAGE = "geomeshOptions"
+
 _PYTHON = "geomesh/python"
 
 _ICON = Path(__file__).parent / "icon.svg"

@@ -13,7 +13,7 @@ from ..engine.environment import MANAGED, EnvironmentProblem, find, forget_versi
 from ..engine.installing import install
 from ..engine.managed import Survey, bundled_wheel, remove, survey
 from ..engine.trial import self_test
-from ..settings import managed_folder, python_setting, set_python_setting
+from ..settings import PAGE, managed_folder, python_setting, set_python_setting
 from . import work
 from .form import OptionsForm
 
@@ -32,7 +32,7 @@ class OptionsPage(QgsOptionsPageWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setObjectName("geomeshOptions")
+        self.setObjectName(PAGE)
         self._work: work.Work | None = None
         self._survey: Survey | None = None
         self._looked_for = ""

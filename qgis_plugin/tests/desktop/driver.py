@@ -96,6 +96,14 @@ def processing_dialog() -> QgsProcessingAlgorithmDialogBase | None:
     return None
 
 
+def options_page() -> QWidget | None:
+    """The options page of the plugin, if it is open."""
+    pages = (
+        window.findChild(QWidget, "geomeshOptions") for window in QApplication.topLevelWidgets()
+    )
+    return next((page for page in pages if page is not None and page.isVisible()), None)
+
+
 def canvas_is_still() -> Callable[[], bool]:
     """A function that tells whether the map has been drawn for half a second."""
     canvas = iface.mapCanvas()
