@@ -36,6 +36,10 @@ def no_message_box(monkeypatch):
 
     for kind in ("critical", "warning", "information", "question"):
         monkeypatch.setattr(QMessageBox, kind, refuse)
+    for run in {"exec", "exec_"} & set(dir(QMessageBox)):
+        monkeypatch.setattr(
+            QMessageBox, run, lambda box: refuse(box, box.windowTitle(), box.text())
+        )
 
 
 @pytest.fixture(scope="session")
