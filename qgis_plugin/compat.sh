@@ -60,7 +60,7 @@ inside() {
     shift
     mapfile -t kept < <(env | grep -iE '^((https?|ftp|no|all)_proxy|PIP_(CERT|INDEX_URL|EXTRA_INDEX_URL|TRUSTED_HOST|DEFAULT_TIMEOUT)|SSL_CERT_(FILE|DIR)|REQUESTS_CA_BUNDLE)=')
     # shellcheck disable=SC2016  # these are the inner shell's variables
-    unshare --mount --pid --fork --kill-child bash -c '
+    setpriv --pdeathsig KILL unshare --mount --pid --fork --kill-child bash -c '
         root=$1; shift
         mount -t proc proc "$root/proc"
         mount --rbind /dev "$root/dev"

@@ -143,6 +143,8 @@ def _gdal_source(layer: QgsRasterLayer) -> str:
     parts = QgsProviderRegistry.instance().decodeUri("gdal", layer.source())
     if parts.get("openOptions"):
         return ""  # opened otherwise, it may hold other pixels
+    if "/vsimem/" in layer.source():
+        return ""  # the memory of this process, where no other can look
     return layer.source().partition("|")[0]
 
 

@@ -7,14 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from qgis.core import (
-    QgsLayerTree,
     QgsMapLayer,
     QgsMeshLayer,
     QgsProcessingContext,
     QgsProcessingException,
-    QgsProcessingFeedback,
-    QgsProcessingLayerPostProcessorInterface,
-    QgsProcessingUtils,
     QgsProject,
     QgsVectorLayer,
 )
@@ -29,12 +25,6 @@ _SUFFIXES = (".gpkg", ".geojson", ".fgb")
 
 # From the bottom to the top of the legend.
 _ORDER = ("mesh", "triangles", "edges", "nodes")
-
-_MESH_LAYER = QgsProcessingUtils.LayerHint.Mesh
-_VECTOR_LAYER = QgsProcessingUtils.LayerHint.Vector
-
-# QGIS keeps no reference to post-processors: Python would delete them before their time.
-_waiting: list[QgsProcessingLayerPostProcessorInterface] = []
 
 
 def is_geopackage(path: str) -> bool:
@@ -51,18 +41,14 @@ def layer_uri(path: str, name: str) -> str:
 
 def dress_vector_layer(uri: str, name: str) -> None:
     """Give a layer of a mesh its style, kept with the data."""
-    layer = QgsVectorLayer(uri, name, "ogr")
-    if not layer.isValid():
-        raise QgsProcessingException(f"QGIS cannot read {uri}, though geomesh has written it")
+    layer = _open(uri, name)
     VECTOR_STYLES[name](layer)
     keep_style(layer)
 
 
 def dress_mesh_layer(path: str) -> None:
     """Give a UGRID file its style, kept beside it."""
-    layer = QgsMeshLayer(path, "mesh", "mdal")
-    if not layer.isValid():
-        raise QgsProcessingException(f"QGIS cannot read {path}, though geomesh has written it")
+    layer = _open(path, "mesh", is_mesh=True)
     style_mesh_layer(layer)
     keep_style(layer)
 
@@ -115,62 +101,31 @@ def load_when_done(
     if output not in pending:
         return  # run by a model, or by a program that wants files
     asked = pending.pop(output)
-    loaded: dict[str, int] = {}
     for name, uri in uris.items():
-        hint = _MESH_LAYER if name == "mesh" else _VECTOR_LAYER
+        rank = _ORDER.index(name)
         shown = f"{title} {name}"
         if name == "triangles" and asked.name not in ("", unnamed):
             shown = asked.name  # the user's, or a model's
+        # Its id begins with its first name: QGIS before 3.32 adds results in the order of their
+        # ids, the last on top.
+        layer = _open(uri, f"{rank}_{name}", is_mesh=name == "mesh")
+        layer.setName(shown)
+        layer.setMetadata(as_metadata(layer, about))
+        layer.setCustomProperty("geomesh/recipe", json.dumps(about.get("recipe", {})))
         output_name = asked.outputName if name == "triangles" else name.upper()
-        details = QgsProcessingContext.LayerDetails(shown, asked.project, output_name, hint)
+        details = QgsProcessingContext.LayerDetails(shown, asked.project, output_name)
         if hasattr(details, "layerSortKey"):  # QGIS 3.32
-            details.layerSortKey = _ORDER.index(name)
-        dresser = _Dresser(about, _ORDER.index(name), loaded)
-        _waiting.append(dresser)
-        details.setPostProcessor(dresser)
-        pending[uri] = details
+            details.layerSortKey = rank
+        pending[layer.id()] = details
+        # Whole layers rather than names of files, which QGIS would load without their styles.
+        context.temporaryLayerStore().addMapLayer(layer)
     context.setLayersToLoadOnCompletion(pending)
 
 
-class _Dresser(QgsProcessingLayerPostProcessorInterface):
-    """Gives a layer that was loaded its style, and tells in its properties how it was made."""
-
-    def __init__(self, document: dict, rank: int, loaded: dict[str, int]) -> None:
-        super().__init__()
-        self._document = document
-        self._rank = rank
-        self._loaded = loaded  # ranks of the layers of one run, by their ids
-
-    def postProcessLayer(
-        self,
-        layer: QgsMapLayer,
-        context: QgsProcessingContext,
-        feedback: QgsProcessingFeedback,
-    ) -> None:
-        layer.loadDefaultStyle()  # Processing does not
-        layer.setMetadata(as_metadata(layer, self._document))
-        recipe = self._document.get("recipe", {})
-        layer.setCustomProperty("geomesh/recipe", json.dumps(recipe))
-        self._loaded[layer.id()] = self._rank
-        if context.project() is not None:
-            _arrange(context.project().layerTreeRoot(), self._loaded)
-        if self in _waiting:
-            _waiting.remove(self)
-
-
-def _arrange(root: QgsLayerTree, ranks: Mapping[str, int]) -> None:
-    """Put layers into the order of their ranks, the highest on top, in the places they have.
-
-    QGIS before 3.32 adds results in the order of their files' names.
-    """
-    nodes = [node for node in root.findLayers() if node.layerId() in ranks]
-    parent = nodes[0].parent() if nodes else None
-    ordered = sorted(nodes, key=lambda node: -ranks[node.layerId()])
-    if ordered == nodes or any(node.parent() != parent for node in nodes):
-        return
-    place = min(parent.children().index(node) for node in nodes)
-    # Copies first: a layer whose last node goes is taken out of the project.
-    for node in reversed(ordered):
-        parent.insertChildNode(place, node.clone())
-    for node in nodes:
-        parent.removeChildNode(node)
+def _open(uri: str, name: str, *, is_mesh: bool = False) -> QgsMapLayer:
+    """Return a layer with the style that is kept with its data."""
+    layer = QgsMeshLayer(uri, name, "mdal") if is_mesh else QgsVectorLayer(uri, name, "ogr")
+    if not layer.isValid():
+        raise QgsProcessingException(f"QGIS cannot read {uri}, though geomesh has written it.")
+    layer.loadDefaultStyle()
+    return layer

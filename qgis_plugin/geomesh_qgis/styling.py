@@ -118,7 +118,9 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
         return
     settings = layer.rendererSettings()
     scalar = settings.scalarSettings(group)
-    scalar.setDataResamplingMethod(QgsMeshRendererScalarSettings.DataResamplingMethod.None_)
+    methods = QgsMeshRendererScalarSettings.DataResamplingMethod
+    flat = methods.NoResampling if hasattr(methods, "NoResampling") else methods.None_  # 3.22
+    scalar.setDataResamplingMethod(flat)
     values = _distinct_values(layer, group)
     items = [
         QgsColorRampShader.ColorRampItem(value, _unpack(int(value)), f"#{int(value):06x}")

@@ -184,7 +184,7 @@ def test_mesh_layer_has_faces_crs_and_flat_colours(olinda_mesh):
     group = settings.activeScalarDatasetGroup()
     assert layer.datasetGroupMetadata(QgsMeshDatasetIndex(group, 0)).name() == "color"
     scalar = settings.scalarSettings(group)
-    assert scalar.dataResamplingMethod() == QgsMeshRendererScalarSettings.DataResamplingMethod.None_
+    assert scalar.dataResamplingMethod() == QgsMeshRendererScalarSettings.DataResamplingMethod(0)
     shader = scalar.colorRampShader()
     assert shader.colorRampType() == QgsColorRampShader.Type.Exact
     for item in shader.colorRampItemList():
@@ -412,6 +412,18 @@ def test_layer_that_is_no_file_is_exported(run, olinda, project):
             assert feature["b1_min"] <= value + 1 <= feature["b1_max"]
     assert triangles.crs().authid() == "EPSG:31985"
     assert total_area(triangles) == pytest.approx(extent.width() * extent.height(), rel=1e-9)
+
+
+def test_raster_in_memory_is_exported(run, olinda, project):
+    from osgeo import gdal
+
+    gdal.Translate("/vsimem/olinda.tif", str(olinda)).FlushCache()
+    layer = QgsRasterLayer("/vsimem/olinda.tif", "in memory")
+    project.addMapLayer(layer)
+    made = run(layer, NODES=100)
+    assert open_layer(made["OUTPUT"]).extent().width() == pytest.approx(layer.extent().width())
+    project.removeMapLayer(layer)
+    gdal.Unlink("/vsimem/olinda.tif")
 
 
 # Extent and mask
