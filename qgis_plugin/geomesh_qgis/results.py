@@ -91,7 +91,7 @@ def load_when_done(
     uris : mapping of str to str
         URIs of layers, by "triangles", "edges", "nodes" or "mesh".
     title : str
-        What the names of the layers begin with.
+        What the names of the layers begin with, if the output is temporary.
     unnamed : str
         What the output is called where nobody has named it.
     about : dict
@@ -103,17 +103,19 @@ def load_when_done(
     asked = pending.pop(output)
     for name, uri in uris.items():
         rank = _ORDER.index(name)
-        shown = f"{title} {name}"
-        if name == "triangles" and asked.name not in ("", unnamed):
-            shown = asked.name  # the user's, or a model's
         # Its id begins with its first name: QGIS before 3.32 adds results in the order of their
         # ids, the last on top.
         layer = _open(uri, f"{rank}_{name}", is_mesh=name == "mesh")
+        # A file that the user has named is known by that name.
+        shown = f"{title if layer.isTemporary() else Path(output).stem} {name}"
+        if name == "triangles" and asked.name not in ("", unnamed):
+            shown = asked.name  # the user's, or a model's
         layer.setName(shown)
         layer.setMetadata(as_metadata(layer, about))
         layer.setCustomProperty("geomesh/recipe", json.dumps(about.get("recipe", {})))
         output_name = asked.outputName if name == "triangles" else name.upper()
         details = QgsProcessingContext.LayerDetails(shown, asked.project, output_name)
+        details.forceName = True
         if hasattr(details, "layerSortKey"):  # QGIS 3.32
             details.layerSortKey = rank
         pending[layer.id()] = details

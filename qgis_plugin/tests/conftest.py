@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import subprocess
@@ -69,6 +70,26 @@ def processing(qgis_processing):
     import processing
 
     return processing
+
+
+@pytest.fixture(scope="session", autouse=True)
+def clean_end(qgis_app):
+    """Free what failed tests hold, before QGIS ends: freed later it would crash, unreported."""
+    yield
+    for name in ("last_exc", "last_type", "last_value", "last_traceback"):
+        vars(sys).pop(name, None)
+    gc.collect()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def layer_tree(qgis_iface, qgis_parent):
+    """A legend for the stub of QGIS's interface: since 3.44 results are put into it."""
+    from qgis.core import QgsLayerTreeModel, QgsProject
+    from qgis.gui import QgsLayerTreeView
+
+    view = QgsLayerTreeView(qgis_parent)
+    view.setModel(QgsLayerTreeModel(QgsProject.instance().layerTreeRoot(), view))
+    qgis_iface.layerTreeView = lambda: view
 
 
 @pytest.fixture(scope="session")
