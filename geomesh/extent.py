@@ -21,6 +21,9 @@ from geomesh.raster import Scene
 # A pixel border that a box meets up to rounding is the box's own border.
 _SNAP = 1e-6
 
+# What a GeoPackage calls the CRS of a layer without one.
+_UNDEFINED = "Undefined"
+
 
 def restrict(
     scene: Scene,
@@ -78,6 +81,8 @@ def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
     if shapes.empty:
         raise SourceError(f"{name} holds no polygon; give polygons of the area to keep")
     grid: Grid = scene.grid
+    if shapes.crs is not None and shapes.crs.name.startswith(_UNDEFINED):
+        shapes = shapes.set_crs(None, allow_override=True)
     if shapes.crs is not None and grid.crs is None:
         raise GeoreferenceError(
             f"{name} is in {shapes.crs.to_string()} but {scene.name} has no CRS; "
@@ -91,6 +96,11 @@ def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
                 f"{name} is in the CRS {shapes.crs.name!r}, from which there is no way to that of "
                 f"{scene.name}; reproject it first"
             ) from error
+    if not np.isfinite(shapes.total_bounds).all():
+        raise GeoreferenceError(
+            f"{name} does not lie where coordinates can be transformed to the CRS of "
+            f"{scene.name}; check the CRS of the mask"
+        )
     return shapes.make_valid().union_all()
 
 

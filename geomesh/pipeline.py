@@ -46,6 +46,7 @@ def mesh_raster(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    name: str | None = None,
     progress: bool | Progress = False,
     **values: Any,
 ) -> Mesh:
@@ -69,6 +70,8 @@ def mesh_raster(
         Box in map coordinates to crop to.
     mask : path, GeoDataFrame or GeoSeries, optional
         Area of interest.
+    name : str, optional
+        What messages and metadata call the source, if not by its path.
     progress : bool or callable(fraction, message)
         True shows a progress bar; a callable may raise to cancel.
     **values
@@ -91,7 +94,9 @@ def mesh_raster(
     (500, True)
     """
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
-    scene = open_scene(source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask)
+    scene = open_scene(
+        source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask, name=name
+    )
     # No catching of warnings: filters belong to the process, and other threads may be meshing.
     for note in scene.notes:
         warnings.warn(note, GeomeshWarning, stacklevel=2)

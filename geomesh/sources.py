@@ -36,6 +36,7 @@ def open_scene(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    name: str | None = None,
 ) -> Scene:
     """Look at a source and return the Scene to work on.
 
@@ -54,6 +55,8 @@ def open_scene(
         whole; on a turned grid, pixels with their centre in it.
     mask : path, GeoDataFrame or GeoSeries, optional
         Area of interest: polygons, reprojected to the raster's CRS if need be.
+    name : str, optional
+        What messages and metadata call the source, if not by its path.
 
     Raises
     ------
@@ -69,11 +72,11 @@ def open_scene(
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
-        scene = _dataset_scene(source.name, source, source, bidx, given)
+        scene = _dataset_scene(name or source.name, source, source, bidx, given)
     elif isinstance(source, str | PathLike):
-        name = fspath(source)
-        with open_dataset(name) as dataset:
-            scene = _dataset_scene(name, name, dataset, bidx, given)
+        path = fspath(source)
+        with open_dataset(path) as dataset:
+            scene = _dataset_scene(name or path, path, dataset, bidx, given)
     else:
         raise SourceError(
             f"a {type(source).__name__} is no source: give a path, an open rasterio dataset or "

@@ -113,6 +113,9 @@ summary=()
 for release in "${releases[@]}"; do
     mkdir -p "$folder"
     log=$folder/$release.log
+    # Two runs in one release would overwrite each other's checkout.
+    exec 9>"$folder/$release.lock"
+    flock --nonblock 9 || { echo "== $release: waiting for another run to end"; flock 9; }
     echo "== $release: preparing $folder/$release; the log is $log"
     prepare "$release" >"$log" 2>&1 || { tail -n 20 "$log"; echo "$release could not be prepared" >&2; exit 1; }
     [[ -z $prepare_only ]] || continue

@@ -1,6 +1,7 @@
 """The command line as its users call it: a person, a script, a program that reads JSON lines."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -203,8 +204,10 @@ def test_convert_writes_the_same_mesh_in_another_format(made, tmp_path):
 def test_quality_can_be_kept_with_the_mesh(made, tmp_path):
     path = tmp_path / "measured.gpkg"
     run("quality", made, "-o", path)
-    run("quality", path, "-o", path, "--space", "map", "--overwrite")
+    both = tmp_path / "both.gpkg"
+    run("quality", path, "-o", both, "--space", "map")
     mesh = geomesh.read_mesh(made)
+    path = both
     frame = gpd.read_file(path, layer="triangles")
     for name, values in mesh.quality().table.items():
         if name != "area":  # on the map, in square metres
@@ -222,6 +225,40 @@ def test_quality_tells_programs_too(made, tmp_path):
         assert result["event"] == "result"
         assert result["outputs"] == [str(option) for option in options[1:]]
         assert result["figures"]["triangles"] == 495
+
+
+def test_no_command_writes_over_what_it_reads(made, tmp_path):
+    raster, mask, recipe = (tmp_path / name for name in ("scene.gpkg", "aoi.gpkg", "recipe.json"))
+    shutil.copy(OLINDA, raster)
+    shutil.copy(made, mask)
+    recipe.write_text("{}")
+    picture = tmp_path / "scene.png"
+    shutil.copy(OLINDA, picture)
+    link = tmp_path / "link.gpkg"
+    link.symlink_to(mask)
+    cases = [
+        ("mesh", raster, "-o", raster),
+        ("mesh", f"GPKG:{raster}:table", "-o", raster),
+        ("mesh", f'NETCDF:"{raster}":band', "-o", raster),
+        ("mesh", OLINDA, "-o", mask, "--mask", mask),
+        ("mesh", OLINDA, "-o", recipe, "-f", "GeoJSON", "--recipe", recipe),
+        ("stages", picture, "-o", picture),
+        ("convert", mask, "-o", link, "--layers", "nodes"),
+        ("quality", mask, "-o", mask),
+    ]
+    for arguments in cases:
+        kept = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        _, stderr = run(*arguments, "--overwrite", code=1)
+        assert "which is read; choose another name" in stderr
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == kept
+
+
+def test_a_source_may_be_known_by_another_name(tmp_path):
+    path = tmp_path / "mesh.gpkg"
+    nowhere = str(SAMPLES / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif")
+    _, stderr = run("mesh", nowhere, "-o", path, "--source-name", "my layer")
+    assert "Warning: my layer has no georeference" in stderr
+    assert geomesh.read_mesh(path).metadata["source"]["name"] == "my layer"
 
 
 def test_the_users_crs_takes_the_place_of_the_files(tmp_path):

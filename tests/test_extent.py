@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from affine import Affine
+from conftest import SAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
@@ -19,6 +20,7 @@ from geomesh.grid import Window
 from geomesh.raster import Scene
 from geomesh.sources import open_scene
 
+OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 UTM = "EPSG:32618"
 WIDTH, HEIGHT = 60, 50
 # Pixel (row, col) holds 1000 row + col, so that what is read tells where it was.
@@ -428,3 +430,20 @@ def test_a_table_without_geometry_is_an_error(tmp_path: Path) -> None:
 def test_what_is_no_mask_is_an_error(mask: Any) -> None:
     with pytest.raises(SourceError, match="mask"):
         open_area(NORTH_UP, mask=mask)
+
+
+def test_a_geopackage_without_crs_is_a_mask_without_crs(tmp_path):
+    """GeoPackages name the CRS that a layer does not have."""
+    path = tmp_path / "mask.gpkg"
+    west, south, east, north = open_scene(OLINDA).grid.bounds()
+    middle = shapely.box(west + 2000, south + 2000, east - 2000, north - 2000)
+    gpd.GeoDataFrame(geometry=[middle]).to_file(path)
+    assert gpd.read_file(path).crs is not None
+    assert open_scene(OLINDA, mask=path).grid.width < open_scene(OLINDA).grid.width
+
+
+def test_a_mask_in_a_wrong_crs_is_told_in_one_line(tmp_path):
+    frame = gpd.GeoDataFrame(geometry=[shapely.box(290_000, 9e6, 291_000, 9.1e6)], crs="EPSG:4326")
+    with pytest.raises(GeoreferenceError, match="check the CRS of the mask") as caught:
+        open_scene(OLINDA, mask=frame)
+    assert "\n" not in str(caught.value)

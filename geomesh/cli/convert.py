@@ -10,6 +10,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import layer_options, output_options
+from geomesh.cli.places import keep_inputs
 
 
 @click.command()
@@ -44,6 +45,7 @@ def convert(
         from geomesh.io.vector import check_output, write_mesh
         from geomesh.tiles import part_of
 
+        keep_inputs([output], [mesh_file])
         check_output(output, overwrite=overwrite, driver=driver)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)

@@ -16,6 +16,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
+from geomesh.cli.places import keep_inputs
 from geomesh.errors import OutputError
 from geomesh.rules import STATISTICS
 
@@ -77,7 +78,10 @@ def mesh(
     with guarded(console, debug) as failures:
         recipe = build_recipe(**recipe_options)
         planned, folder = _plan(sources, output, driver)
-        _keep_inputs(planned, [*sources, reading["mask"], recipe_options["recipe_file"]])
+        keep_inputs(
+            [job.output for job in planned],
+            [*sources, reading["mask"], recipe_options["recipe_file"]],
+        )
         made_folder = folder is not None and _make_folder(folder)
         jobs = planned
     for job in jobs:
@@ -176,21 +180,6 @@ def _extensions() -> set[str]:
     from geomesh.io.formats import FORMATS
 
     return {extension for known in FORMATS for extension in known.extensions}
-
-
-def _keep_inputs(jobs: Sequence[Job], inputs: Sequence[str | None]) -> None:
-    """Refuse outputs that would take the place of something that is read."""
-    for job in jobs:
-        for path in inputs:
-            if path is not None and _same_file(path, job.output):
-                raise OutputError(f"{job.output} is {path}, which is read; choose another name")
-
-
-def _same_file(path: str, other: Path) -> bool:
-    try:
-        return other.samefile(path)
-    except OSError:  # one of them is not there
-        return False
 
 
 def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:

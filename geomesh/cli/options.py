@@ -19,7 +19,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
-_READING = ("bidx", "nodata", "crs", "bounds", "mask")
+_READING = ("bidx", "nodata", "crs", "bounds", "mask", "name")
 _RECIPE = ("preset", "recipe_file", "nodes", "gray", "domain", "statistics", "settings")
 
 
@@ -152,6 +152,12 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 type=click.Path(),
                 metavar="AOI",
                 help="Area of interest: a file of polygons; pixels outside are left out.",
+            ),
+            click.option(
+                "--source-name",
+                "name",
+                metavar="NAME",
+                help="What messages and metadata call SRC, if its path does not tell.",
             ),
             click.option(
                 "--domain",

@@ -11,6 +11,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import output_options
+from geomesh.cli.places import keep_inputs
 
 
 @click.command()
@@ -56,6 +57,7 @@ def quality(
         from geomesh.tiles import part_of
 
         if output is not None:
+            keep_inputs([output], [mesh_file])
             check_output(output, overwrite=overwrite)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)

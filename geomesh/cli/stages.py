@@ -11,6 +11,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import build_recipe, output_options, raster_options
+from geomesh.cli.places import keep_inputs
 
 
 @click.command()
@@ -47,6 +48,7 @@ def stages(
         from geomesh.sources import open_scene
 
         recipe = build_recipe(**recipe_options)
+        keep_inputs([output], [source, reading["mask"], recipe_options["recipe_file"]])
         check_picture(output, overwrite=overwrite)
         scene = open_scene(source, **reading)
         found = run_stages(scene, recipe, report)

@@ -30,7 +30,6 @@ _TOPOLOGY = ("id", "n0", "n1", "n2")
 _COLOR = "color"
 
 _UNITS = {
-    "area": "m2",
     **dict.fromkeys(("ab", "bc", "ca", "ki", "count"), "pixel"),
     **dict.fromkeys(("min_angle", "max_angle"), "degree"),
 }
@@ -79,12 +78,13 @@ def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, docume
             _add(dataset, f"mesh_node_{axis}", ("mesh_node",), values, _axis(axis, crs))
         numbering = {"cf_role": "face_node_connectivity", "start_index": np.int32(0)}
         _add(dataset, FACES, ("mesh_face", "three"), corners, numbering)
+        units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
             if name in _TOPOLOGY or (values.dtype.kind == "U" and name != _COLOR):
                 continue
             data = _packed(values) if name == _COLOR else values.astype(np.float64)
-            unit = {"units": _UNITS[name]} if name in _UNITS else {}
+            unit = {"units": units[name]} if name in units else {}
             _add(dataset, name, ("mesh_face",), data, on_faces | unit)
     feed.count(len(layer))
 

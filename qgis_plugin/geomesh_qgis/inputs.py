@@ -29,6 +29,8 @@ from qgis.core import (
     QgsVectorFileWriter,
 )
 
+_IN_MEMORY = ("/vsimem/", "MEM:")
+
 
 @dataclass(frozen=True)
 class RasterInput:
@@ -38,12 +40,18 @@ class RasterInput:
     ----------
     name : str
         Of the layer.
+    shown : str
+        What the layer shows, as its properties tell.
     source : str
-        What GDAL opens; empty if the layer has to be exported.
+        What GDAL opens; empty if QGIS has to export the pixels.
+    open_options : tuple of str
+        For GDAL.
     crs : QgsCoordinateReferenceSystem
         Of the layer, which may not be the file's.
     options : tuple of str
         Options of geomesh for what only the layer knows.
+    notes : tuple of str
+        What is set on the layer and cannot be heeded.
     placed : bool
         Whether it has a georeference; QGIS shows a raster without one below y = 0.
     size : (int, int)
@@ -54,32 +62,55 @@ class RasterInput:
     """
 
     name: str
+    shown: str
     source: str
+    open_options: tuple[str, ...]
     crs: QgsCoordinateReferenceSystem
     options: tuple[str, ...]
+    notes: tuple[str, ...]
     placed: bool
     size: tuple[int, int]
     extent: QgsRectangle
     provider: Any = None
 
 
+def find_raster_fault(layer: QgsRasterLayer | None) -> str:
+    """Return why a layer cannot be meshed, or an empty text."""
+    if layer is None or not layer.isValid():
+        return "The raster cannot be read: choose another one."
+    if layer.width() <= 0 or layer.height() <= 0:
+        return (
+            f"{layer.name()} has no pixels of its own: export it first (Layer > Save As…), "
+            "and mesh the file."
+        )
+    return ""
+
+
 def describe_raster(layer: QgsRasterLayer) -> RasterInput:
     """Return what geomesh needs to know of a layer; to be called in the layer's own thread."""
     provider = layer.dataProvider()
-    source = _gdal_source(layer)
-    size = (layer.width(), layer.height())
+    source, open_options = _gdal_source(layer)
+    nodata = _find_nodata(provider)
+    if nodata.added:
+        source = ""  # only QGIS knows both values
     options: list[str] = []
+    notes = list(nodata.notes)
     if layer.crs().isValid() and (not source or layer.crs() != provider.crs()):
         options += ["--crs", _spell(layer.crs())]
-    nodata = _user_nodata(provider)
-    if nodata is not None:
-        options += ["--nodata", repr(nodata)]
+    if provider.crs().isValid() and not layer.crs().isValid():
+        notes.append("the layer has no CRS, but the file has one: the mesh gets that")
+    if nodata.value is not None and not nodata.added:
+        options += ["--nodata", repr(nodata.value)]
+    size = (layer.width(), layer.height())
     unplaced = QgsRectangle(0, -size[1], size[0], 0)
     return RasterInput(
         name=layer.name(),
+        shown=layer.source(),
         source=source,
+        open_options=open_options,
         crs=layer.crs(),
         options=tuple(options),
+        notes=tuple(notes),
         placed=provider.crs().isValid() or layer.extent() != unplaced,
         size=size,
         extent=layer.extent(),
@@ -87,20 +118,33 @@ def describe_raster(layer: QgsRasterLayer) -> RasterInput:
     )
 
 
-def raster_path(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedback) -> str:
-    """Return the path of the raster's pixels, in `folder` if they had to be exported."""
+def raster_options(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedback) -> list[str]:
+    """Return geomesh's options and argument for a raster; what had to be made is in `folder`."""
+    for note in raster.notes:
+        feedback.pushWarning(note)
+    path = _raster_path(raster, folder, feedback)
+    named = [] if path == raster.source else ["--source-name", raster.shown]
+    return [*raster.options, *named, "--", path]
+
+
+def _raster_path(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedback) -> str:
     if not raster.source:
         return _export(raster, folder / "raster.tif", feedback)
-    if raster.placed:
+    in_memory = any(mark in raster.source for mark in _IN_MEMORY)
+    if raster.placed and not in_memory and not raster.open_options:
         return raster.source
-    # Seen by geomesh where QGIS shows it: with y running up, from minus its height.
     from osgeo import gdal
 
+    # In memory, no other process sees it. Otherwise a VRT refers to the file: with its open
+    # options, and placed where QGIS shows a raster without a georeference, with y running up.
     columns, rows = raster.size
-    path = str(folder / "raster.vrt")
-    made = gdal.Translate(path, raster.source, format="VRT", outputBounds=[0, 0, columns, -rows])
+    path = str(folder / ("raster.tif" if in_memory else "raster.vrt"))
+    opened = gdal.OpenEx(raster.source, gdal.OF_RASTER, open_options=list(raster.open_options))
+    where = {} if raster.placed else {"outputBounds": [0, 0, columns, -rows]}
+    kind = "GTiff" if in_memory else "VRT"
+    made = gdal.Translate(path, opened, format=kind, **where) if opened else None
     if made is None:
-        raise QgsProcessingException(f"{raster.source} cannot be read: {gdal.GetLastErrorMsg()}")
+        raise QgsProcessingException(f"{raster.shown} cannot be read: {gdal.GetLastErrorMsg()}")
     made.FlushCache()
     return path
 
@@ -136,27 +180,57 @@ def bounds_options(extent: QgsRectangle) -> Sequence[str]:
     return ["--bounds", *map(repr, corners)]
 
 
-def _gdal_source(layer: QgsRasterLayer) -> str:
-    """Return what GDAL opens, without what QGIS adds to it; empty if it is not GDAL's."""
-    if layer.providerType() != "gdal":
-        return ""
+def _gdal_source(layer: QgsRasterLayer) -> tuple[str, tuple[str, ...]]:
+    """Return what GDAL opens and its open options; an empty text if it is not GDAL's."""
+    if layer.providerType() != "gdal" or "authcfg=" in layer.source():
+        return "", ()
     parts = QgsProviderRegistry.instance().decodeUri("gdal", layer.source())
-    if parts.get("openOptions"):
-        return ""  # opened otherwise, it may hold other pixels
-    if "/vsimem/" in layer.source():
-        return ""  # the memory of this process, where no other can look
-    return layer.source().partition("|")[0]
+    options = tuple(parts.get("openOptions") or ())
+    return layer.source().partition("|option:")[0], options
 
 
-def _user_nodata(provider: QgsRasterDataProvider) -> float | None:
-    """Return the value that the user declared nodata, if it is one value for all bands."""
-    values = set()
-    for band in range(1, provider.bandCount() + 1):
-        ranges = provider.userNoDataValues(band)
-        if len(ranges) != 1 or ranges[0].min() != ranges[0].max():
-            return None
-        values.add(ranges[0].min())
-    return values.pop() if len(values) == 1 else None
+@dataclass(frozen=True)
+class _Nodata:
+    """What the user has declared nodata on a layer.
+
+    Attributes
+    ----------
+    value : float or None
+        If it is one value for all bands.
+    added : bool
+        Whether the file has another one, which holds as well.
+    notes : tuple of str
+        What cannot be heeded.
+    """
+
+    value: float | None = None
+    added: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def _find_nodata(provider: QgsRasterDataProvider) -> _Nodata:
+    bands = range(1, provider.bandCount() + 1)
+    own = [band for band in bands if provider.sourceHasNoDataValue(band)]
+    notes = []
+    if any(not provider.useSourceNoDataValue(band) for band in own):
+        notes.append(
+            "the raster's own nodata value is switched off on the layer: geomesh heeds it all "
+            "the same"
+        )
+    ranges = [provider.userNoDataValues(band) for band in bands]
+    if not any(ranges):
+        return _Nodata(notes=tuple(notes))
+    found = {(one.min(), one.max()) for several in ranges for one in several}
+    (low, high) = next(iter(found))
+    if len(found) > 1 or low != high or not all(ranges):
+        notes.append(
+            "the additional nodata values of the layer are not one value for all bands: geomesh "
+            "does not heed them"
+        )
+        return _Nodata(notes=tuple(notes))
+    if own and all(provider.sourceNoDataValue(band) == low for band in own):
+        return _Nodata(notes=tuple(notes))
+    return _Nodata(low, bool(own), tuple(notes))
 
 
 def _spell(crs: QgsCoordinateReferenceSystem) -> str:
@@ -166,13 +240,8 @@ def _spell(crs: QgsCoordinateReferenceSystem) -> str:
 
 
 def _export(raster: RasterInput, path: Path, feedback: QgsProcessingFeedback) -> str:
-    """Write the pixels of a layer that GDAL does not open."""
+    """Write the pixels of a layer that GDAL does not open, as QGIS sees them."""
     columns, rows = raster.size
-    if columns <= 0 or rows <= 0:
-        raise QgsProcessingException(
-            f"{raster.name} has no pixels of its own: export it first "
-            "(Layer > Save As…), and mesh the file."
-        )
     feedback.setProgressText(f"Exporting {raster.name}")
     stopper = QgsRasterBlockFeedback()
     feedback.canceled.connect(stopper.cancel)

@@ -6,7 +6,6 @@ import json
 import sqlite3
 from contextlib import closing
 from html import escape
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -15,8 +14,8 @@ from qgis.core import QgsLayerMetadata, QgsMapLayer
 
 def read_document(path: str) -> dict[str, Any]:
     """Return what geomesh has written into a GeoPackage about how its mesh was made."""
-    uri = f"{Path(path).absolute().as_uri()}?mode=ro"
-    with closing(sqlite3.connect(uri, uri=True)) as database:
+    # Not as a URI: those know no network shares.
+    with closing(sqlite3.connect(path)) as database:
         rows = database.execute("SELECT metadata FROM gpkg_metadata").fetchall()
     for (text,) in rows:
         document = _find_document(text)
@@ -38,8 +37,8 @@ def as_metadata(layer: QgsMapLayer, document: dict) -> QgsLayerMetadata:
     recipe = document.get("recipe", {})
     metadata.setHistory(
         [
-            f"Made from {source} by geomesh {document.get('geomesh', '')}",
-            f"Recipe: {json.dumps(recipe)}",
+            f"Made from {escape(source)} by geomesh {escape(document.get('geomesh', ''))}",
+            f"Recipe: {escape(json.dumps(recipe))}",
         ]
     )
     return metadata
@@ -49,8 +48,12 @@ def _as_html(document: dict) -> str:
     counts = document.get("mesh", {}).get("counts", {})
     checks = document.get("certificate", {}).get("checks", [])
     recipe = document.get("recipe", {})
-    rows = "".join(f"<tr><td>{name}</td><td>{_spell(recipe[name])}</td></tr>" for name in recipe)
-    checked = "".join(f"<li>{check['name']}: {check['detail']}</li>" for check in checks)
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td><td>{_spell(recipe[name])}</td></tr>" for name in recipe
+    )
+    checked = "".join(
+        f"<li>{escape(check['name'])}: {escape(check['detail'])}</li>" for check in checks
+    )
     source = escape(document.get("source", {}).get("name", ""))
     return (
         f"<p>A mesh of {counts.get('nodes', 0):,} nodes and {counts.get('triangles', 0):,} "

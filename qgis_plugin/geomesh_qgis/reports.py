@@ -7,6 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from qgis.core import QgsProcessingException
+
 _FIGURES = ("mean", "median", "p5", "p95", "min", "max")
 
 # The results viewer knows little more of CSS than this.
@@ -56,11 +58,26 @@ def quality_report(name: str, summary: Mapping[str, Any], unit: str) -> str:
 
 def picture_report(title: str, picture: Path) -> str:
     """Return a page that shows a picture."""
+    uri = escape(picture.absolute().as_uri())
     if picture.suffix.lower() == ".pdf":
-        shown = f'<p><a href="{picture.as_uri()}">{escape(picture.name)}</a></p>'
-    else:
-        shown = f'<p><img src="{picture.as_uri()}"/></p>'
-    return _page(title, shown)
+        return _page(title, f'<p><a href="{uri}">{escape(picture.name)}</a></p>')
+    return _page(title, f'<p><img src="{uri}" width="900"/></p>')
+
+
+def save_report(page: str, path: str) -> None:
+    """Write a report.
+
+    Raises
+    ------
+    QgsProcessingException
+        In one line, if it cannot be written.
+    """
+    try:
+        Path(path).write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise QgsProcessingException(
+            f"The report {path} cannot be written: {error.strerror}; choose another file."
+        ) from error
 
 
 def _page(title: str, body: str) -> str:

@@ -5,31 +5,25 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from qgis.core import (
     QgsMapLayer,
     QgsMeshLayer,
     QgsProcessingContext,
     QgsProcessingException,
-    QgsProject,
     QgsVectorLayer,
 )
 
+from .files import is_geopackage
 from .provenance import as_metadata
 from .styling import VECTOR_STYLES, keep_style, style_mesh_layer
 
 # The order in which geomesh writes them.
 LAYERS = ("triangles", "edges", "nodes")
 
-_SUFFIXES = (".gpkg", ".geojson", ".fgb")
-
 # From the bottom to the top of the legend.
 _ORDER = ("mesh", "triangles", "edges", "nodes")
-
-
-def is_geopackage(path: str) -> bool:
-    """Tell whether a file can hold all layers of a mesh."""
-    return path.lower().endswith(".gpkg")
 
 
 def layer_uri(path: str, name: str) -> str:
@@ -53,25 +47,6 @@ def dress_mesh_layer(path: str) -> None:
     keep_style(layer)
 
 
-def find_output_fault(path: str, project: QgsProject | None) -> str:
-    """Return why a mesh cannot be written to a file, or an empty text."""
-    if Path(path).suffix.lower() not in _SUFFIXES:
-        return f"{path} has no extension that geomesh knows: choose {', '.join(_SUFFIXES)}."
-    return find_use(path, project)
-
-
-def find_use(path: str, project: QgsProject | None) -> str:
-    """Return which layer shows a file that is to be replaced, or an empty text."""
-    for layer in project.mapLayers().values() if project else ():
-        shown = layer.source().partition("|")[0]
-        if shown and Path(shown) == Path(path):
-            return (
-                f"{path} is open as layer {layer.name()!r}: remove that layer, "
-                "or choose another file."
-            )
-    return ""
-
-
 def load_when_done(
     context: QgsProcessingContext,
     output: str,
@@ -79,7 +54,7 @@ def load_when_done(
     *,
     title: str,
     unnamed: str,
-    about: dict,
+    about: dict[str, Any],
 ) -> None:
     """Have QGIS load layers, if it is going to load the output of the algorithm.
 

@@ -28,6 +28,8 @@ from qgis.core import (
 )
 from qgis.PyQt.QtGui import QColor
 
+from .files import is_geopackage
+
 STYLE = "geomesh"
 
 # Lines and dots show where they are this far apart on the screen, in millimetres.
@@ -142,7 +144,7 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
 
 def keep_style(layer: QgsMapLayer) -> None:
     """Save the style of a layer with its data."""
-    if isinstance(layer, QgsVectorLayer) and layer.source().partition("|")[0].endswith(".gpkg"):
+    if isinstance(layer, QgsVectorLayer) and is_geopackage(layer.source().partition("|")[0]):
         layer.saveStyleToDatabase(STYLE, "Colours of the image, by geomesh", True, "")
     else:
         layer.saveDefaultStyle()

@@ -214,6 +214,19 @@ class Check(ast.NodeVisitor):
 
     visit_IfExp = visit_If
 
+    def visit_Assign(self, node: ast.Assign) -> None:
+        """Take `kind = QgsThing.Kind` for another name of the same class."""
+        root, attributes = _chain(node.value)
+        if isinstance(root, ast.Name) and root.id in self._names:
+            thing, full = self._names[root.id]
+            for name in attributes:
+                thing, full = getattr(thing, name, None), f"{full}.{name}"
+            if inspect.isclass(thing):
+                for target in node.targets:
+                    if isinstance(target, ast.Name):
+                        self._names[target.id] = thing, full
+        self.generic_visit(node)
+
     def visit_Attribute(self, node: ast.Attribute) -> None:
         root, attributes = _chain(node)
         if isinstance(root, ast.Name) and root.id in self._names:
@@ -287,6 +300,8 @@ CORE = "from qgis.core import *\n".replace("*", "Qgis, QgsMapLayer, QgsProcessin
         ("from qgis.PyQt import QtCore as c\nx = c.Qt.AlignLeft", "Qt.AlignmentFlag.AlignLeft"),
         ("import qgis.core\nx = qgis.core.QgsMapLayer.RasterLayer", "has to be"),
         (CORE + "x = QgsMapLayer.RasterLayer", "has to be"),
+        (CORE + "kind = QgsMapLayer\nx = kind.RasterLayer", "has to be"),
+        (CORE + "kind = Qgis.MessageLevel\nx = kind.Infos", "does not exist"),
         (CORE + "x = Qgis.Info", "Qgis.MessageLevel.Info"),
         (CORE + "def f(self): return A.FlagSupportsBatch", "has to be"),
         (CORE + "class B(A):\n def flags(self): return self.FlagSupportsBatch", "enumeration"),
@@ -323,6 +338,8 @@ def test_check_finds(source, word):
         "from qgis.PyQt.QtWidgets import QWizard\nx = QWizard.DialogCode.Accepted",
         "from qgis.PyQt.QtCore import QObject, pyqtSignal\nclass A(QObject):\n s = pyqtSignal(int)",
         CORE + "x = Qgis.MessageLevel.Info, Qgis.QGIS_VERSION",
+        CORE + "level = Qgis.MessageLevel\nx = level.Info",
+        CORE + "a = Qgis.MessageLevel\nx = a.Odd if hasattr(a, 'Odd') else a.Info",
         CORE + "class B(A):\n def flags(self): return super().flags() | A.Flag.FlagSupportsBatch",
         CORE + "x = QgsMapLayer.Sky if hasattr(QgsMapLayer, 'Sky') else None",
         "def f():\n import numpy\n from osgeo import gdal\n return numpy.array(gdal)",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,8 +16,9 @@ from qgis.core import (
 )
 from qgis.PyQt.QtGui import QIcon
 
-from .. import results, settings
+from .. import settings
 from ..engine import environment, runner
+from ..files import find_format_fault, find_output_fault
 
 PRESETS = {
     "features": "features: the raster's own resolution",
@@ -93,11 +96,29 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         """Return why the values cannot work, or an empty text."""
         return ""
 
-    def find_output_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+    def prepareAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        """Refuse what cannot work: batches and steps of models were not checked before."""
+        reason = self.find_fault(parameters, context)
+        if reason:
+            raise QgsProcessingException(reason)
+        return True
+
+    def find_mesh_output_fault(
+        self, parameters: dict, context: QgsProcessingContext, read: Sequence[str]
+    ) -> str:
         """Return why the mesh cannot go where OUTPUT says, or an empty text."""
         # In a context of its own: the run's would take it for a layer to load.
         path = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
-        return results.find_output_fault(path, context.project())
+        return find_format_fault(path) or find_output_fault(path, context.project(), read)
+
+    def find_file_output_fault(
+        self, name: str, parameters: dict, context: QgsProcessingContext, read: Sequence[str]
+    ) -> str:
+        """Return why the file that a parameter names cannot be written, or an empty text."""
+        path = self.parameterAsFileOutput(parameters, name, QgsProcessingContext())
+        return find_output_fault(path, context.project(), read) if path else ""
 
     def run_geomesh(
         self,
@@ -122,7 +143,7 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         Raises
         ------
         QgsProcessingException
-            If it fails or was cancelled; no file is left then.
+            If it fails or was cancelled; `output` is as it was before.
         """
         start, end = span
         said = ""
@@ -144,7 +165,8 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
                 *("-o", output, "--overwrite"),
                 *rest,
             ]
-            feedback.pushCommandInfo(shlex.join(command))
+            spell = subprocess.list2cmdline if sys.platform == "win32" else shlex.join
+            feedback.pushCommandInfo(spell(command))
             outcome = runner.run(
                 command,
                 progress=progress,
@@ -157,5 +179,5 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         except runner.RunError as error:
             raise QgsProcessingException(str(error)) from error
         except runner.Cancelled as stop:
-            raise QgsProcessingException("Cancelled: nothing was written.") from stop
+            raise QgsProcessingException(f"Cancelled: {output} was not written.") from stop
         return outcome.figures

@@ -17,9 +17,10 @@ from qgis.core import (
     QgsProviderRegistry,
 )
 
+from ..files import is_geopackage
 from ..provenance import read_document
-from ..reports import quality_report
-from ..results import dress_vector_layer, is_geopackage, layer_uri, load_when_done
+from ..reports import quality_report, save_report
+from ..results import dress_vector_layer, layer_uri, load_when_done
 from .base import GeomeshAlgorithm
 
 SPACES = ("image", "map")
@@ -67,14 +68,18 @@ Lengths are in pixels of the image, or in map units: then the names of the field
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
         """Return why the values cannot work, or an empty text."""
-        if not is_geopackage(self._find_path(parameters, context)):
+        path = self._find_path(parameters, context)
+        if not is_geopackage(path):
             return "The layer is not of a GeoPackage that Raster to mesh has written; choose one."
-        return self.find_output_fault(parameters, context)
+        return self.find_mesh_output_fault(
+            parameters, context, [path]
+        ) or self.find_file_output_fault("REPORT", parameters, context, [path])
 
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
         """Ask the layer for its file: later this runs in another thread."""
+        super().prepareAlgorithm(parameters, context, feedback)
         self._path = self._find_path(parameters, context)
         return True
 
@@ -119,6 +124,6 @@ Lengths are in pixels of the image, or in map units: then the names of the field
         }
         if report:
             unit = "pixels" if space == "image" else "map units"
-            Path(report).write_text(quality_report(name, summary, unit), encoding="utf-8")
+            save_report(quality_report(name, summary, unit), report)
             found["REPORT"] = report
         return found

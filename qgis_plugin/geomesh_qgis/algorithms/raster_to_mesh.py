@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import tempfile
 from pathlib import Path
-from typing import Any
 
 from qgis.core import (
     QgsProcessing,
     QgsProcessingContext,
-    QgsProcessingException,
     QgsProcessingFeedback,
     QgsProcessingOutputNumber,
     QgsProcessingOutputVectorLayer,
@@ -24,19 +22,25 @@ from qgis.core import (
     QgsProcessingParameterVectorDestination,
 )
 
-from ..inputs import bounds_options, describe_raster, export_mask, raster_path
+from ..files import is_geopackage, is_same_file, layer_files
+from ..inputs import (
+    bounds_options,
+    describe_raster,
+    export_mask,
+    find_raster_fault,
+    raster_options,
+)
 from ..provenance import read_document
 from ..results import (
     LAYERS,
     dress_mesh_layer,
     dress_vector_layer,
-    find_use,
-    is_geopackage,
     layer_uri,
     load_when_done,
 )
 from .base import PRESETS, GeomeshAlgorithm
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
+from .values import find_number_fault, is_given
 
 DOMAINS = ("valid", "image", "hull")
 
@@ -134,32 +138,40 @@ to the letter, at 256 × 256 pixels.<br/>
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
         """Return why the values cannot work, or an empty text."""
+        raster = self.parameterAsRasterLayer(parameters, "INPUT", context)
+        read = [
+            *layer_files(raster),
+            *layer_files(self.parameterAsVectorLayer(parameters, "MASK", context)),
+            self.parameterAsFile(parameters, "RECIPE", context),
+        ]
         return (
-            self.find_output_fault(parameters, context)
-            or self._find_mesh_fault(parameters, context)
+            find_raster_fault(raster)
+            or self.find_mesh_output_fault(parameters, context, read)
+            or self._find_mesh_layer_fault(parameters, context, read)
+            or find_number_fault(self, parameters)
             or find_recipe_fault(self, parameters, context)
         )
 
-    def _find_mesh_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+    def _find_mesh_layer_fault(
+        self, parameters: dict, context: QgsProcessingContext, read: list[str]
+    ) -> str:
         mesh = self.parameterAsFileOutput(parameters, "MESH", QgsProcessingContext())
         if not mesh:
             return ""
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
         if not mesh.lower().endswith(".nc"):
             return f"{mesh} has another extension than .nc: a mesh layer is a UGRID file."
-        if not is_geopackage(output) and Path(output).with_suffix("") == Path(mesh[:-3]):
+        if not is_geopackage(output) and is_same_file(str(Path(output).with_suffix("")), mesh[:-3]):
             # QGIS keeps the style of either in a file of that name.
             return f"{output} and {mesh} would share one style file: choose another name for one."
-        return find_use(mesh, context.project())
+        return self.find_file_output_fault("MESH", parameters, context, read)
 
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
         """Ask the raster layer what is needed: later this runs in another thread."""
-        layer = self.parameterAsRasterLayer(parameters, "INPUT", context)
-        if layer is None or not layer.isValid():
-            raise QgsProcessingException("The raster cannot be read; choose another one.")
-        self._raster = describe_raster(layer)
+        super().prepareAlgorithm(parameters, context, feedback)
+        self._raster = describe_raster(self.parameterAsRasterLayer(parameters, "INPUT", context))
         return True
 
     def processAlgorithm(
@@ -169,28 +181,27 @@ to the letter, at 256 × 256 pixels.<br/>
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", context)
         mesh_layer = self.parameterAsFileOutput(parameters, "MESH", context)
         chosen = [LAYERS[i] for i in self.parameterAsEnums(parameters, "LAYERS", context)]
+        whole = is_geopackage(output)
+        if not whole:
+            chosen = ["triangles"]
+        uris = {layer: layer_uri(output, layer) for layer in (LAYERS if whole else chosen)}
         with tempfile.TemporaryDirectory(prefix="geomesh-") as name:
             folder = Path(name)
-            whole = is_geopackage(output)
             stored = output if whole else str(folder / "mesh.gpkg")
             options = self._options(parameters, context, folder, feedback)
-            source = raster_path(self._raster, folder, feedback)
+            source = raster_options(self._raster, folder, feedback)
             share = 1 - 0.1 * (not whole) - 0.1 * bool(mesh_layer)
-            figures = self.run_geomesh(
-                ["mesh", *options, "--", source], feedback, stored, (0, share)
-            )
+            figures = self.run_geomesh(["mesh", *options, *source], feedback, stored, (0, share))
             if not whole:
                 self.run_geomesh(["convert", "--", stored], feedback, output, (share, share + 0.1))
-                chosen = ["triangles"]
+            for layer, uri in uris.items():
+                dress_vector_layer(uri, layer)
             if mesh_layer:
                 self.run_geomesh(["convert", "--", stored], feedback, mesh_layer, (0.9, 1))
+                dress_mesh_layer(mesh_layer)
             about = read_document(stored)
-        uris = {layer: layer_uri(output, layer) for layer in (LAYERS if whole else ["triangles"])}
-        for layer, uri in uris.items():
-            dress_vector_layer(uri, layer)
         loaded = {layer: uris[layer] for layer in chosen}
         if mesh_layer:
-            dress_mesh_layer(mesh_layer)
             loaded = {"mesh": mesh_layer, **loaded}
         load_when_done(
             context,
@@ -221,19 +232,18 @@ to the letter, at 256 × 256 pixels.<br/>
         folder: Path,
         feedback: QgsProcessingFeedback,
     ) -> list[str]:
-        options = list(self._raster.options)
-        options += ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
+        options = ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
         bands = self.parameterAsInts(parameters, "BANDS", context)
         if bands:
             options += ["--bidx", ",".join(map(str, bands))]
-        if _given(parameters, "NODES"):
+        if is_given(parameters, "NODES", context):
             options += ["--nodes", str(self.parameterAsInt(parameters, "NODES", context))]
-        if _given(parameters, "MIN_SPACING"):
+        if is_given(parameters, "MIN_SPACING", context):
             value = self.parameterAsDouble(parameters, "MIN_SPACING", context)
             options += ["--set", f"min_spacing={json.dumps(value)}"]
-        if _given(parameters, "DOMAIN"):
+        if is_given(parameters, "DOMAIN", context):
             options += ["--domain", DOMAINS[self.parameterAsEnum(parameters, "DOMAIN", context)]]
-        if _given(parameters, "NODATA"):
+        if is_given(parameters, "NODATA", context):
             options += ["--nodata", repr(self.parameterAsDouble(parameters, "NODATA", context))]
         extent = self.parameterAsExtent(parameters, "EXTENT", context, self._raster.crs)
         if not extent.isNull():
@@ -242,7 +252,3 @@ to the letter, at 256 × 256 pixels.<br/>
         if mask is not None:
             options += ["--mask", export_mask(mask, folder, feedback)]
         return options + recipe_options(self, parameters, context)
-
-
-def _given(parameters: dict[str, Any], name: str) -> bool:
-    return parameters.get(name) is not None

@@ -19,6 +19,8 @@ from qgis.core import (
     QgsProcessingParameterString,
 )
 
+from .values import is_given
+
 _GRAY = re.compile(r"auto|luma|mean|pca|band:[1-9]\d*")
 _SIZE = re.compile(r"\s*([1-9]\d*)\s*[,x×]\s*([1-9]\d*)\s*")
 
@@ -125,11 +127,11 @@ def find_recipe_fault(
     if size and not _SIZE.fullmatch(size):
         return f"Resize is {size!r}: give width and height, such as 512, 512."
     stretch = _stretch(algorithm, parameters, context)
-    if stretch is not None and not 0 <= stretch[0] < stretch[1] <= 100:
+    if stretch is not None and not (len(stretch) == 2 and 0 <= stretch[0] < stretch[1] <= 100):
         return "Stretch between percentiles: give two rising numbers from 0 to 100, such as 2, 98."
     low, high = (
         algorithm.parameterAsDouble(parameters, name, context)
-        if parameters.get(name) is not None
+        if is_given(parameters, name, context)
         else None
         for name in ("CANNY_LOW", "CANNY_HIGH")
     )
@@ -163,7 +165,7 @@ def _value(
 ) -> Any:
     """Return the value of a parameter as a recipe has it, or None if it is not set."""
     given = (parameters, setting.parameter, context)
-    if parameters.get(setting.parameter) in (None, "", []):
+    if not is_given(parameters, setting.parameter, context):
         return None
     if setting.kind == "whole":
         return algorithm.parameterAsInt(*given)
@@ -187,7 +189,9 @@ def _stretch(
     algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
 ) -> list[float] | None:
     """Return the two percentiles; the dialog has NaN for what is not set."""
-    if parameters.get("STRETCH") in (None, "", []):
+    given = parameters.get("STRETCH")
+    if not is_given(parameters, "STRETCH", context):
         return None
-    limits = algorithm.parameterAsRange(parameters, "STRETCH", context)
-    return None if all(map(math.isnan, limits)) else limits
+    if isinstance(given, (list, tuple)) and all(map(math.isnan, given)):
+        return None
+    return algorithm.parameterAsRange(parameters, "STRETCH", context)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from qgis.core import (
     QgsProcessingContext,
-    QgsProcessingException,
     QgsProcessingFeedback,
     QgsProcessingParameterEnum,
     QgsProcessingParameterExtent,
@@ -15,10 +14,12 @@ from qgis.core import (
     QgsProcessingParameterRasterLayer,
 )
 
-from ..inputs import bounds_options, describe_raster, raster_path
-from ..reports import picture_report
+from ..files import layer_files
+from ..inputs import bounds_options, describe_raster, find_raster_fault, raster_options
+from ..reports import picture_report, save_report
 from .base import PRESETS, GeomeshAlgorithm
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
+from .values import find_number_fault
 
 
 class Stages(GeomeshAlgorithm):
@@ -54,16 +55,22 @@ is shown by its middle; choose another part by its <b>extent</b>.</p>
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
         """Return why the values cannot work, or an empty text."""
-        return find_recipe_fault(self, parameters, context)
+        raster = self.parameterAsRasterLayer(parameters, "INPUT", context)
+        read = [*layer_files(raster), self.parameterAsFile(parameters, "RECIPE", context)]
+        return (
+            find_raster_fault(raster)
+            or self.find_file_output_fault("OUTPUT", parameters, context, read)
+            or self.find_file_output_fault("REPORT", parameters, context, read)
+            or find_number_fault(self, parameters)
+            or find_recipe_fault(self, parameters, context)
+        )
 
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
         """Ask the raster layer what is needed: later this runs in another thread."""
-        layer = self.parameterAsRasterLayer(parameters, "INPUT", context)
-        if layer is None or not layer.isValid():
-            raise QgsProcessingException("The raster cannot be read; choose another one.")
-        self._raster = describe_raster(layer)
+        super().prepareAlgorithm(parameters, context, feedback)
+        self._raster = describe_raster(self.parameterAsRasterLayer(parameters, "INPUT", context))
         return True
 
     def processAlgorithm(
@@ -72,18 +79,15 @@ is shown by its middle; choose another part by its <b>extent</b>.</p>
         """Draw the figure and show it in the report."""
         output = self.parameterAsFileOutput(parameters, "OUTPUT", context)
         report = self.parameterAsFileOutput(parameters, "REPORT", context)
-        options = list(self._raster.options)
-        options += ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
+        options = ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
         extent = self.parameterAsExtent(parameters, "EXTENT", context, self._raster.crs)
         if not extent.isNull():
             options += bounds_options(extent)
         options += recipe_options(self, parameters, context)
         with tempfile.TemporaryDirectory(prefix="geomesh-") as name:
-            source = raster_path(self._raster, Path(name), feedback)
-            self.run_geomesh(["stages", *options, "--", source], feedback, output)
+            source = raster_options(self._raster, Path(name), feedback)
+            self.run_geomesh(["stages", *options, *source], feedback, output)
         if not report:
             return {"OUTPUT": output}
-        Path(report).write_text(
-            picture_report(f"Stages of {self._raster.name}", Path(output)), encoding="utf-8"
-        )
+        save_report(picture_report(f"Stages of {self._raster.name}", Path(output)), report)
         return {"OUTPUT": output, "REPORT": report}

@@ -1,0 +1,77 @@
+"""Files behind layers: which they are, and that none is written over that is in use."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from qgis.core import QgsMapLayer, QgsProject, QgsProviderRegistry
+
+_SUFFIXES = (".gpkg", ".geojson", ".fgb")
+
+# A file inside a name for one of GDAL's drivers, such as NETCDF:"file.nc":band.
+_INSIDE = re.compile(r'[A-Za-z0-9_]{2,}:(?:"([^"]+)"|(.+?))(?::[^:]*)?')
+
+
+def is_geopackage(path: str) -> bool:
+    """Tell whether a file can hold all layers of a mesh."""
+    return path.lower().endswith(".gpkg")
+
+
+def layer_files(layer: QgsMapLayer | None) -> list[str]:
+    """Return what may be the file behind a layer."""
+    if layer is None:
+        return []
+    parts = QgsProviderRegistry.instance().decodeUri(layer.providerType(), layer.source())
+    path = str(parts.get("path") or layer.source().partition("|")[0])
+    match = _INSIDE.fullmatch(path)
+    return [path, match[1] or match[2]] if match else [path]
+
+
+def is_same_file(one: str, other: str) -> bool:
+    """Tell whether two paths lead to one file, which need not exist."""
+    if not one or not other:
+        return False
+    try:
+        return os.path.samefile(one, other)
+    except (OSError, ValueError):
+        return _canonical(one) == _canonical(other)
+
+
+def find_output_fault(path: str, project: QgsProject | None, read: Iterable[str]) -> str:
+    """Return why a file cannot be written, or an empty text.
+
+    Parameters
+    ----------
+    path : str
+    project : QgsProject or None
+        None of whose layers may be in the file.
+    read : iterable of str
+        Files that the same run reads.
+    """
+    if "|" in path:
+        return f"{path} has a | in its name, which QGIS takes for the end of a file's name."
+    if not Path(path).absolute().parent.is_dir():
+        return f"The folder of {path} does not exist: create it first."
+    if any(is_same_file(path, other) for other in read):
+        return f"{path} is read by the same run: choose another file."
+    for layer in project.mapLayers().values() if project else ():
+        if any(is_same_file(path, shown) for shown in layer_files(layer)):
+            return (
+                f"{path} is open as layer {layer.name()!r}: remove that layer, "
+                "or choose another file."
+            )
+    return ""
+
+
+def find_format_fault(path: str) -> str:
+    """Return why a mesh cannot be written in the format of a file, or an empty text."""
+    if Path(path).suffix.lower() in _SUFFIXES:
+        return ""
+    return f"{path} has no extension that geomesh knows: choose {', '.join(_SUFFIXES)}."
+
+
+def _canonical(path: str) -> str:
+    return os.path.normcase(os.path.realpath(path))
