@@ -609,3 +609,19 @@ def test_something_else_is_not_removed(own):
     with pytest.raises(EnvironmentProblem, match="no environment of Python"):
         remove(own)
     assert (own / "thesis.txt").exists()
+
+
+def test_two_windows_do_not_install_at_once(tmp_path, monkeypatch):
+    place = tmp_path / "environment"
+    wheel = tmp_path / "geomesh_toolkit-1.0.0-py3-none-any.whl"
+    wheel.touch()
+    with managed.locked(place):
+        for act in (
+            lambda: remove(place),
+            lambda: install(
+                place, wheel, progress=lambda *_: None, cancelled=lambda: False, python=wheel
+            ),
+        ):
+            with pytest.raises(EnvironmentProblem, match="another window of QGIS"):
+                act()
+    remove(place)

@@ -35,7 +35,7 @@ def is_same_file(one: str, other: str) -> bool:
     if not one or not other:
         return False
     try:
-        return os.path.samefile(one, other)
+        return Path(one).samefile(other)
     except (OSError, ValueError):
         return _canonical(one) == _canonical(other)
 

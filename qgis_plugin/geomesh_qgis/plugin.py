@@ -41,7 +41,10 @@ class GeomeshPlugin:
         self._iface.registerOptionsWidgetFactory(self._options)
         action = QAction(QIcon(str(ICON)), "Raster to mesh…", self._iface.mainWindow())
         action.setObjectName("geomeshRasterToMesh")
-        action.setToolTip("<b>Raster to mesh</b><br>Turn the active raster into a triangle mesh")
+        action.setToolTip(
+            "<b>Raster to mesh</b><br>Turn the raster that is selected in the layer panel into a "
+            "triangle mesh"
+        )
         action.triggered.connect(self._open_dialog)
         self._action = action
         self._iface.addToolBarIcon(action)

@@ -31,7 +31,7 @@ def as_metadata(layer: QgsMapLayer, document: dict) -> QgsLayerMetadata:
     metadata.setType("dataset")
     metadata.setLanguage("eng")
     metadata.setCrs(layer.crs())
-    metadata.setAbstract(_as_html(document))
+    metadata.setAbstract(_as_text(document))
     metadata.setKeywords({"gmd:topicCategory": [], "geomesh": ["triangle mesh", "Delaunay"]})
     source = document.get("source", {}).get("name", "")
     recipe = document.get("recipe", {})
@@ -44,26 +44,29 @@ def as_metadata(layer: QgsMapLayer, document: dict) -> QgsLayerMetadata:
     return metadata
 
 
-def _as_html(document: dict) -> str:
+def _as_text(document: dict) -> str:
+    """Tell what is in a document, escaped: QGIS shows it among HTML, and breaks its lines."""
     counts = document.get("mesh", {}).get("counts", {})
-    checks = document.get("certificate", {}).get("checks", [])
-    recipe = document.get("recipe", {})
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{_spell(recipe[name])}</td></tr>" for name in recipe
-    )
-    checked = "".join(
-        f"<li>{escape(check['name'])}: {escape(check['detail'])}</li>" for check in checks
-    )
-    source = escape(document.get("source", {}).get("name", ""))
-    return (
-        f"<p>A mesh of {counts.get('nodes', 0):,} nodes and {counts.get('triangles', 0):,} "
-        f"triangles of {source}.</p>"
-        f"<h3>Recipe</h3><table>{rows}</table><h3>Certificate</h3><ul>{checked}</ul>"
-    )
+    canny = document.get("canny", {})
+    lines = [
+        f"A mesh of {counts.get('nodes', 0):,} nodes and {counts.get('triangles', 0):,} triangles "
+        f"of {document.get('source', {}).get('name', '')}",
+        "",
+        "Recipe",
+        *(f"{name}: {_spell(value)}" for name, value in document.get("recipe", {}).items()),
+        *(f"Canny's {name} threshold, as used: {value:.4g}" for name, value in canny.items()),
+        "",
+        "Certificate",
+        *(
+            f"{check['name']}: {check['detail']}"
+            for check in document.get("certificate", {}).get("checks", [])
+        ),
+    ]
+    return escape("\n".join(lines), quote=False)
 
 
 def _spell(value: Any) -> str:
-    return "not set" if value is None else escape(json.dumps(value, ensure_ascii=False).strip('"'))
+    return "not set" if value is None else json.dumps(value, ensure_ascii=False).strip('"')
 
 
 def _find_document(text: str) -> dict | None:

@@ -61,7 +61,7 @@ def picture_report(title: str, picture: Path) -> str:
     uri = escape(picture.absolute().as_uri())
     if picture.suffix.lower() == ".pdf":
         return _page(title, f'<p><a href="{uri}">{escape(picture.name)}</a></p>')
-    return _page(title, f'<p><img src="{uri}" width="900"/></p>')
+    return _page(title, f'<p><a href="{uri}"><img src="{uri}" width="800"/></a></p>')
 
 
 def save_report(page: str, path: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from qgis.core import (
+    QgsCoordinateReferenceSystem,
     QgsMapLayer,
     QgsMeshLayer,
     QgsProcessingContext,
@@ -22,6 +23,9 @@ from .styling import VECTOR_STYLES, keep_style, style_mesh_layer
 # The order in which geomesh writes them.
 LAYERS = ("triangles", "edges", "nodes")
 
+# What a GeoPackage calls the CRS of a layer without one; QGIS takes it for one.
+_UNDEFINED = "Undefined"
+
 # From the bottom to the top of the legend.
 _ORDER = ("mesh", "triangles", "edges", "nodes")
 
@@ -33,10 +37,10 @@ def layer_uri(path: str, name: str) -> str:
     return f"{path}|layername={name}"
 
 
-def dress_vector_layer(uri: str, name: str) -> None:
-    """Give a layer of a mesh its style, kept with the data."""
-    layer = _open(uri, name)
-    VECTOR_STYLES[name](layer)
+def dress_vector_layer(uri: str, style: str) -> None:
+    """Give a layer of a mesh one of `VECTOR_STYLES`, kept with the data."""
+    layer = _open(uri, style)
+    VECTOR_STYLES[style](layer)
     keep_style(layer)
 
 
@@ -66,7 +70,7 @@ def load_when_done(
     uris : mapping of str to str
         URIs of layers, by "triangles", "edges", "nodes" or "mesh".
     title : str
-        What the names of the layers begin with, if the output is temporary.
+        What the names of the layers end with, if the output is temporary.
     unnamed : str
         What the output is called where nobody has named it.
     about : dict
@@ -82,7 +86,7 @@ def load_when_done(
         # ids, the last on top.
         layer = _open(uri, f"{rank}_{name}", is_mesh=name == "mesh")
         # A file that the user has named is known by that name.
-        shown = f"{title if layer.isTemporary() else Path(output).stem} {name}"
+        shown = f"{name} · {title if layer.isTemporary() else Path(output).stem}"
         if name == "triangles" and asked.name not in ("", unnamed):
             shown = asked.name  # the user's, or a model's
         layer.setName(shown)
@@ -104,5 +108,7 @@ def _open(uri: str, name: str, *, is_mesh: bool = False) -> QgsMapLayer:
     layer = QgsMeshLayer(uri, name, "mdal") if is_mesh else QgsVectorLayer(uri, name, "ogr")
     if not layer.isValid():
         raise QgsProcessingException(f"QGIS cannot read {uri}, though geomesh has written it.")
+    if layer.crs().description().startswith(_UNDEFINED):
+        layer.setCrs(QgsCoordinateReferenceSystem())
     layer.loadDefaultStyle()
     return layer

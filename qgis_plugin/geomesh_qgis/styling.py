@@ -12,6 +12,7 @@ from qgis.core import (
     QgsCategorizedSymbolRenderer,
     QgsColorRampShader,
     QgsFillSymbol,
+    QgsGraduatedSymbolRenderer,
     QgsLineSymbol,
     QgsMapLayer,
     QgsMarkerSymbol,
@@ -20,6 +21,7 @@ from qgis.core import (
     QgsMeshRendererScalarSettings,
     QgsProperty,
     QgsRendererCategory,
+    QgsRendererRange,
     QgsSimpleFillSymbolLayer,
     QgsSingleSymbolRenderer,
     QgsSymbolLayer,
@@ -33,14 +35,21 @@ from .files import is_geopackage
 STYLE = "geomesh"
 
 # Lines and dots show where they are this far apart on the screen, in millimetres.
-_EDGES_APART = 1.0
-_NODES_APART = 2.0
+_EDGES_APART = 3.0
+_NODES_APART = 6.0
 
 # Seen on dark and on bright images alike, and their colours through it.
 _EDGE = {"outline_color": "160,160,160,130", "outline_width": "0.1", "joinstyle": "round"}
 
 # Colours that differ for the colour-blind too (Okabe and Ito).
 _NODES = (("feature", "feature node", "#e69f00"), ("border", "border node", "#56b4e9"))
+_ANGLES = (
+    (0, 10, "#440154"),
+    (10, 20, "#3b528b"),
+    (20, 30, "#21918c"),
+    (30, 45, "#5ec962"),
+    (45, 60, "#fde725"),
+)
 _EDGES = ((0, "inner edge", "#8c8c8c", "0.15"), (1, "outline", "#d55e00", "0.4"))
 
 
@@ -58,19 +67,24 @@ def style_triangles(layer: QgsVectorLayer) -> None:
     edge = QgsSimpleFillSymbolLayer.create({"style": "no", **_EDGE})
     # First all fills, whose own strokes close the gaps that antialiasing leaves between them.
     edge.setRenderingPass(1)
-    near = QgsProperty.fromExpression(f"@map_scale < {farthest_scale(layer, _EDGES_APART)}")
-    edge.setDataDefinedProperty(QgsSymbolLayer.Property.PropertyLayerEnabled, near)
+    farthest = farthest_scale(layer, _EDGES_APART)
+    if farthest is not None:
+        near = QgsProperty.fromExpression(f"@map_scale < {farthest}")
+        edge.setDataDefinedProperty(QgsSymbolLayer.Property.PropertyLayerEnabled, near)
     symbol.appendSymbolLayer(edge)
     renderer = QgsSingleSymbolRenderer(symbol)
     renderer.setUsingSymbolLevels(True)
     layer.setRenderer(renderer)
 
 
-def farthest_scale(layer: QgsVectorLayer, apart: float) -> int:
+def farthest_scale(layer: QgsVectorLayer, apart: float) -> int | None:
     """Return the scale's denominator at which elements are `apart` millimetres from each other.
 
-    Seen from farther away, lines and dots would hide the colours that they part.
+    Seen from farther away, lines and dots would hide the colours that they part. None without
+    a CRS: then the scale of the map means nothing.
     """
+    if not layer.crs().isValid():
+        return None
     box = layer.extent()
     count = max(layer.featureCount(), 1)
     metres = QgsUnitTypes.fromUnitToUnitFactor(
@@ -95,8 +109,10 @@ def style_nodes(layer: QgsVectorLayer) -> None:
         )
         categories.append(QgsRendererCategory(value, symbol, label))
     layer.setRenderer(QgsCategorizedSymbolRenderer("kind", categories))
-    layer.setMinimumScale(farthest_scale(layer, _NODES_APART))
-    layer.setScaleBasedVisibility(True)
+    farthest = farthest_scale(layer, _NODES_APART)
+    if farthest is not None:
+        layer.setMinimumScale(farthest)
+        layer.setScaleBasedVisibility(True)
 
 
 def style_edges(layer: QgsVectorLayer) -> None:
@@ -110,7 +126,22 @@ def style_edges(layer: QgsVectorLayer) -> None:
     layer.setRenderer(QgsCategorizedSymbolRenderer('to_int("constrained")', categories))
 
 
-VECTOR_STYLES = {"triangles": style_triangles, "nodes": style_nodes, "edges": style_edges}
+def style_quality(layer: QgsVectorLayer) -> None:
+    """Colour triangles by their smallest angle, the bad ones dark (viridis)."""
+    field = "map_min_angle" if layer.fields().indexOf("map_min_angle") >= 0 else "min_angle"
+    ranges = []
+    for low, high, color in _ANGLES:
+        symbol = QgsFillSymbol.createSimple({"color": color, **_EDGE})
+        ranges.append(QgsRendererRange(low, high, symbol, f"{low}° to {high}°"))
+    layer.setRenderer(QgsGraduatedSymbolRenderer(field, ranges))
+
+
+VECTOR_STYLES = {
+    "triangles": style_triangles,
+    "nodes": style_nodes,
+    "edges": style_edges,
+    "quality": style_quality,
+}
 
 
 def style_mesh_layer(layer: QgsMeshLayer) -> None:
@@ -120,9 +151,8 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
         return
     settings = layer.rendererSettings()
     scalar = settings.scalarSettings(group)
-    methods = QgsMeshRendererScalarSettings.DataResamplingMethod
-    flat = methods.NoResampling if hasattr(methods, "NoResampling") else methods.None_  # 3.22
-    scalar.setDataResamplingMethod(flat)
+    # By its number: its name changed from None_ to NoResampling.
+    scalar.setDataResamplingMethod(QgsMeshRendererScalarSettings.DataResamplingMethod(0))
     values = _distinct_values(layer, group)
     items = [
         QgsColorRampShader.ColorRampItem(value, _unpack(int(value)), f"#{int(value):06x}")
@@ -135,8 +165,9 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
         QgsColorRampShader.Type.Exact,
     )
     shader.setColorRampItemList(items)
-    scalar.setColorRampShader(shader)
+    # The limits first: set after the shader, QGIS 3.44 would look for its ramp, and crash.
     scalar.setClassificationMinimumMaximum(shader.minimumValue(), shader.maximumValue())
+    scalar.setColorRampShader(shader)
     settings.setScalarSettings(group, scalar)
     settings.setActiveScalarDatasetGroup(group)
     layer.setRendererSettings(settings)
@@ -145,7 +176,9 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
 def keep_style(layer: QgsMapLayer) -> None:
     """Save the style of a layer with its data."""
     if isinstance(layer, QgsVectorLayer) and is_geopackage(layer.source().partition("|")[0]):
-        layer.saveStyleToDatabase(STYLE, "Colours of the image, by geomesh", True, "")
+        # QGIS 3.44 warns of the first form.
+        save = getattr(layer, "saveStyleToDatabaseV2", layer.saveStyleToDatabase)
+        save(STYLE, "By geomesh", True, "")
     else:
         layer.saveDefaultStyle()
 

@@ -158,10 +158,11 @@ def qgis_process(tmp_path_factory, qgis_environment):
     profile = tmp_path_factory.mktemp("profile")
     environment = qgis_environment(profile)
 
-    def run(*arguments, check=True, timeout=300, **more):
+    def run(*arguments, check=True, timeout=300, cwd=None, **more):
         result = subprocess.run(
             [find_program("qgis_process"), *map(str, arguments)],
             env={**environment, **more},
+            cwd=cwd,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,

@@ -128,3 +128,19 @@ def test_stages(processing, olinda, tmp_path, extension):
         image = QImage(str(picture))
         colors = {image.pixel(x, y) for x in range(0, 800, 7) for y in range(0, 800, 7)}
         assert len(colors) > 100
+
+
+def test_stages_in_the_folder_of_the_process(qgis_process, olinda, tmp_path):
+    """Relative paths, as one types them."""
+    import shutil
+
+    shutil.copy(olinda, tmp_path / "scene.tif")
+    qgis_process(
+        "run",
+        "geomesh:stages",
+        "--INPUT=scene.tif",
+        "--OUTPUT=fig.png",
+        "--REPORT=report.html",
+        cwd=tmp_path,
+    )
+    assert (tmp_path / "fig.png").as_uri() in (tmp_path / "report.html").read_text()

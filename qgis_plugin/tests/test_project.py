@@ -41,25 +41,35 @@ def test_layers_are_named_after_the_raster_and_ordered(loaded, project, tmp_path
     layers = loaded(LAYERS=[0, 1, 2], MESH=str(tmp_path / "mesh.nc"))
     name = "olinda_landsat7_rgb_uint8"
     tree = [node.name() for node in project.layerTreeRoot().findLayers()]
-    assert tree == [f"{name} {part}" for part in ("nodes", "edges", "triangles", "mesh")]
+    assert tree == [f"{part} · {name}" for part in ("nodes", "edges", "triangles", "mesh")]
     assert set(tree) == set(layers)
     assert all(layer.isValid() for layer in layers.values())
-    assert layers[f"{name} mesh"].type() == QgsMapLayerType.MeshLayer
+    assert layers[f"mesh · {name}"].type() == QgsMapLayerType.MeshLayer
 
 
 def test_only_the_layers_asked_for(loaded):
-    assert [name.rpartition(" ")[2] for name in loaded(LAYERS=[2], NODES=100)] == ["nodes"]
+    assert [name.partition(" ")[0] for name in loaded(LAYERS=[2], NODES=100)] == ["nodes"]
 
 
 def test_recipe_and_certificate_are_in_the_layer_properties(loaded):
-    layer = next(layer for name, layer in loaded(NODES=150).items() if name.endswith("triangles"))
+    layer = next(layer for name, layer in loaded(NODES=150).items() if name.startswith("triangles"))
     metadata = layer.metadata()
     assert "150 nodes" in metadata.abstract()
-    assert "canny_low" in metadata.abstract()
+    assert "canny_low: not set\n" in metadata.abstract()
+    assert "Canny's low threshold, as used: 1" in metadata.abstract()
+    assert "<" not in metadata.abstract()
     assert "empty circumcircles" in metadata.abstract()
     assert metadata.crs().authid() == "EPSG:31985"
     assert any("olinda_landsat7_rgb_uint8.tif" in line for line in metadata.history())
     assert json.loads(layer.customProperty("geomesh/recipe"))["nodes"] == 150
+
+
+def test_without_a_crs_edges_and_nodes_always_show(loaded, samples):
+    """The scale of a map means nothing then."""
+    raster = samples / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif"
+    for layer in loaded(INPUT=str(raster)).values():
+        assert not layer.crs().isValid()
+        assert not layer.hasScaleBasedVisibility()
 
 
 def test_project_keeps_layers_style_and_recipe(loaded, project, tmp_path):
@@ -68,7 +78,7 @@ def test_project_keeps_layers_style_and_recipe(loaded, project, tmp_path):
     assert project.write(file)
     project.clear()
     assert QgsProject.instance().read(file)
-    layers = {layer.name().rpartition(" ")[2]: layer for layer in project.mapLayers().values()}
+    layers = {layer.name().partition(" ")[0]: layer for layer in project.mapLayers().values()}
     assert set(layers) == {"triangles", "nodes", "mesh"}
     assert layers["triangles"].crs().authid() == "EPSG:31985"
     assert layers["triangles"].renderer().symbol().symbolLayerCount() == 2
@@ -78,12 +88,15 @@ def test_project_keeps_layers_style_and_recipe(loaded, project, tmp_path):
 
 def test_quality_of_a_loaded_mesh(loaded, tmp_path):
     layers = loaded(NODES=200)
-    nodes = next(layer for name, layer in layers.items() if name.endswith("nodes"))
+    nodes = next(layer for name, layer in layers.items() if name.startswith("nodes"))
     layers = loaded(
         "geomesh:meshquality", INPUT=nodes.id(), OUTPUT=str(tmp_path / "measured.gpkg"), SPACE=1
     )
-    names = layers["mesh measured triangles"].fields().names()
-    assert {"ki", "map_ki", "map_radius_ratio", "color"} <= set(names)
+    layer = layers["triangles · mesh, measured"]
+    assert {"ki", "map_ki", "map_radius_ratio", "color"} <= set(layer.fields().names())
+    renderer = layer.renderer()
+    assert renderer.classAttribute() == "map_min_angle"
+    assert [found.upperValue() for found in renderer.ranges()] == [10, 20, 30, 45, 60]
 
 
 # A model: results go on to the next algorithm, and nothing is loaded but the model's outputs
@@ -174,7 +187,7 @@ def difference(one, other) -> float:
 def test_the_map_looks_like_the_image(loaded, samples, tmp_path, project, sample):
     raster = QgsRasterLayer(str(samples / f"{sample}.tif"), "raster")
     layers = loaded(INPUT=str(samples / f"{sample}.tif"), MESH=str(tmp_path / "mesh.nc"))
-    seen = {name.rpartition(" ")[2]: layer for name, layer in layers.items()}
+    seen = {name.partition(" ")[0]: layer for name, layer in layers.items()}
     expected = paint([raster], raster.extent())
     triangles = paint([seen["triangles"]], raster.extent())
     mesh = paint([seen["mesh"]], raster.extent())
@@ -183,13 +196,15 @@ def test_the_map_looks_like_the_image(loaded, samples, tmp_path, project, sample
     assert difference(expected, blank) > 25  # the comparison can fail
     assert difference(expected, mesh) < 6
     assert difference(expected, triangles) < 20  # edges are drawn over the colours
-    both = paint([seen["nodes"], seen["triangles"]], raster.extent())
-    assert difference(triangles, both) > 0  # nodes are there
+    near = raster.extent()
+    near.scale(0.2)
+    both = paint([seen["nodes"], seen["triangles"]], near)
+    assert difference(paint([seen["triangles"]], near), both) > 0  # nodes are there
 
 
 def test_from_afar_neither_edges_nor_nodes_hide_the_image(loaded, olinda):
     layers = loaded()
-    seen = {name.rpartition(" ")[2]: layer for name, layer in layers.items()}
+    seen = {name.partition(" ")[0]: layer for name, layer in layers.items()}
     extent = seen["triangles"].extent()
     extent.scale(60)
     small = paint([seen["nodes"], seen["triangles"]], extent)

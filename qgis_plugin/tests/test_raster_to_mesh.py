@@ -166,6 +166,13 @@ def _scopes(layer):
     return QgsExpressionContextUtils.globalProjectLayerScopes(layer)
 
 
+def test_capitals_in_an_extension(run, olinda):
+    made = run(olinda, "CAP.GPKG", NODES=80)
+    assert open_layer(made["OUTPUT"]).renderer().symbol().symbolLayerCount() == 2
+    nodes = open_layer(made["NODES_LAYER"])
+    assert nodes.renderer().classAttribute() == "kind"
+
+
 def test_mesh_layer_has_faces_crs_and_flat_colours(olinda_mesh):
     from qgis.core import (
         QgsColorRampShader,
@@ -290,7 +297,10 @@ def test_what_the_dialog_says_for_not_set_is_not_set(provider):
     unset = {parameter.name(): None for parameter in recipe_parameters()}
     unset |= {"STRETCH": [math.nan, math.nan], "GRAY": "", "RESIZE": "", "STATISTICS": []}
     algorithm = provider.algorithm("rastertomesh").create()
-    assert recipe_options(algorithm, unset, QgsProcessingContext()) == []
+    for stretch in ([math.nan, math.nan], "nan,nan", "", []):
+        assert (
+            recipe_options(algorithm, {**unset, "STRETCH": stretch}, QgsProcessingContext()) == []
+        )
     assert find_recipe_fault(algorithm, unset, QgsProcessingContext()) == ""
 
 
@@ -359,18 +369,66 @@ def test_crs_without_a_code(run, olinda, project):
     assert "+proj=laea +lat_0=-8 +lon_0=-35" in found.toProj()
 
 
-def test_nodata_of_the_user(run, samples, project):
-    path = samples / "olinda_landsat7_rgb_uint8.tif"
-    layer = QgsRasterLayer(str(path), "olinda")
-    for band in (1, 2, 3):
-        layer.dataProvider().setUserNoDataValue(band, [QgsRasterRange(255, 255)])
-    project.addMapLayer(layer)
+@pytest.fixture
+def layer_with_nodata(project):
+    """Declare values of a raster nodata, as Layer Properties > Transparency does."""
+
+    def declare(path, low, high, bands=(1, 2, 3)):
+        layer = QgsRasterLayer(str(path), "raster")
+        for band in bands:
+            layer.dataProvider().setUserNoDataValue(band, [QgsRasterRange(low, high)])
+        project.addMapLayer(layer)
+        return layer
+
+    return declare
+
+
+def test_nodata_of_the_layer(run, olinda, layer_with_nodata):
+    """Without one of the file's own, the layer's takes its place."""
     from geomesh_qgis.inputs import describe_raster
 
+    layer = layer_with_nodata(olinda, 255, 255)
     assert describe_raster(layer).options == ("--nodata", "255.0")
-    layer.dataProvider().setUserNoDataValue(2, [QgsRasterRange(0, 9)])
-    assert describe_raster(layer).options == ()
     assert run(layer, NODATA=255)["NODE_COUNT"] > 100
+
+
+def test_nodata_of_the_layer_beside_that_of_the_file(run, samples, layer_with_nodata):
+    """Both hold: the collar of the file, and what the user has added."""
+    bahamas = samples / "bahamas_landsat7_rgb_nodata_collar.tif"
+    collar = total_area(open_layer(run(bahamas, "file.gpkg")["OUTPUT"]))
+    feedback = Listener()
+    layer = layer_with_nodata(bahamas, 255, 255)
+    both = total_area(open_layer(run(layer, "both.gpkg", feedback=feedback)["OUTPUT"]))
+    assert 0.8 * collar < both < collar
+    assert not any("nodata values of the layer" in warning for warning in feedback.warnings)
+
+
+@pytest.mark.parametrize("bands", [(1, 2, 3), (2,)])
+def test_nodata_that_cannot_be_heeded_is_told(run, olinda, layer_with_nodata, bands):
+    feedback = Listener()
+    run(layer_with_nodata(olinda, 0, 9, bands), feedback=feedback, NODES=50)
+    assert any("does not heed" in warning for warning in feedback.warnings)
+
+
+def test_open_options_of_the_layer(run, olinda, tmp_path, project):
+    """A palette stays a palette, and the source keeps its name."""
+    from osgeo import gdal
+
+    from geomesh_qgis.provenance import read_document
+
+    paletted = tmp_path / "paletted.tif"
+    made = gdal.Translate(str(paletted), str(olinda), bandList=[1])
+    colors = gdal.ColorTable()
+    for level in range(256):
+        colors.SetColorEntry(level, (level, 255 - level, 40))
+    made.GetRasterBand(1).SetColorTable(colors)
+    made.FlushCache()
+    layer = QgsRasterLayer(f"{paletted}|option:NUM_THREADS=2", "paletted")
+    assert layer.isValid()
+    project.addMapLayer(layer)
+    output = run(layer, NODES=100)["OUTPUT"]
+    assert "green_mean" in open_layer(output).fields().names()
+    assert read_document(output.partition("|")[0])["source"]["name"] == layer.source()
 
 
 def test_raster_without_georeference_lies_where_qgis_shows_it(run, samples, project):
@@ -457,6 +515,19 @@ def test_mask_of_the_selected_polygons(run, olinda, project):
     assert made.extent().xMinimum() > raster.xMinimum() + 4900
 
 
+def test_mask_without_a_crs_is_taken_in_that_of_the_raster(run, olinda, project):
+    raster = QgsRasterLayer(str(olinda), "olinda").extent()
+    mask = QgsVectorLayer("Polygon", "area", "memory")
+    mask.setCrs(QgsCoordinateReferenceSystem())
+    feature = QgsFeature()
+    raster.scale(0.5)
+    feature.setGeometry(QgsGeometry.fromRect(raster))
+    mask.dataProvider().addFeature(feature)
+    project.addMapLayer(mask)
+    found = open_layer(run(olinda, MASK=mask)["OUTPUT"]).extent()
+    assert found.width() == pytest.approx(raster.width(), rel=0.02)
+
+
 # What goes wrong
 
 
@@ -498,6 +569,13 @@ def test_warnings_reach_the_user(run, samples):
 @pytest.mark.parametrize(
     ("parameters", "expected"),
     [
+        ({"NODATA": "abc"}, "Nodata value is 'abc': give a number"),
+        ({"MIN_SPACING": "2,5"}, "give a number"),
+        ({"NODES": "1%"}, "give a number"),
+        ({"STRETCH": "50,2"}, "two rising numbers"),
+        ({"OUTPUT": "/nowhere/mesh.gpkg"}, "does not exist: create it first"),
+        ({"OUTPUT": "a|b.gpkg"}, "takes for the end"),
+        ({"MESH": "/nowhere/mesh.nc"}, "does not exist: create it first"),
         ({"GRAY": "blue"}, "choose luma, mean, pca or band:N"),
         ({"RESIZE": "big"}, "give width and height"),
         ({"CANNY_LOW": 9, "CANNY_HIGH": 8}, "above the high one"),
@@ -514,6 +592,30 @@ def test_values_that_cannot_work_are_refused_at_once(provider, olinda, parameter
     passed, reason = algorithm.checkParameterValues(given, QgsProcessingContext())
     assert not passed
     assert expected in reason
+
+
+def test_what_is_read_is_not_written_over(provider, run, olinda, tmp_path, project):
+    """By whatever name: in a database, through a link, as a mask."""
+    raster = tmp_path / "raster.gpkg"
+    shutil.copy(olinda, raster)
+    mask = QgsVectorLayer(run(olinda, NODES=50)["OUTPUT"], "mask", "ogr")
+    link = tmp_path / "link.gpkg"
+    link.symlink_to(raster)
+    algorithm = provider.algorithm("rastertomesh").create()
+    for given in (
+        {"INPUT": str(raster), "OUTPUT": str(raster)},
+        {"INPUT": str(raster), "OUTPUT": str(link)},
+        {"INPUT": str(raster), "OUTPUT": str(tmp_path / "x" / ".." / "raster.gpkg")},
+        {"INPUT": str(olinda), "OUTPUT": mask.source().partition("|")[0], "MASK": mask},
+    ):
+        (tmp_path / "x").mkdir(exist_ok=True)
+        passed, reason = algorithm.checkParameterValues(given, QgsProcessingContext())
+        assert not passed
+        assert "is read by the same run" in reason
+        # And where nothing is checked before, as in a batch:
+        before = raster.read_bytes()
+        assert not algorithm.run(given, QgsProcessingContext(), Listener())[1]
+        assert raster.read_bytes() == before
 
 
 def test_a_file_that_the_project_shows_is_not_replaced(provider, olinda, run, project):

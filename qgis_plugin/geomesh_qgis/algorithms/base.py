@@ -28,6 +28,26 @@ PRESETS = {
 _FOLDER = Path(__file__).parents[1]
 
 
+# What geomesh calls its options, and what the dialog calls them.
+_WORDS = {
+    "--set edge_distance=null or min_spacing=1 gives": "a least distance between nodes of 1 gives",
+    "--set sobel=true finds": "Sobel (advanced) finds",
+    "--bounds": "the extent",
+    "--mask": "the mask",
+    "--nodata": "the nodata value",
+    "--bidx": "the bands",
+    "--gray": "gray image",
+    "give another (--crs)": "set another one on the layer",
+}
+
+
+def in_the_dialogs_words(text: str) -> str:
+    """Return a message of geomesh with the dialog's names for its options."""
+    for option, words in _WORDS.items():
+        text = text.replace(option, words)
+    return text
+
+
 class GeomeshAlgorithm(QgsProcessingAlgorithm):
     """An algorithm that runs in the environment of geomesh, never in QGIS's own Python."""
 
@@ -156,28 +176,23 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
                 feedback.setProgressText(message)
 
         name, *rest = arguments
-        watched = ["--progress", "jsonl", "--until-eof"]
+        target = ["-o", output, "--overwrite"]
+        spell = subprocess.list2cmdline if sys.platform == "win32" else shlex.join
         try:
-            command = [
-                *settings.installation().command,
-                name,
-                *watched,
-                *("-o", output, "--overwrite"),
-                *rest,
-            ]
-            spell = subprocess.list2cmdline if sys.platform == "win32" else shlex.join
-            feedback.pushCommandInfo(spell(command))
+            program = settings.installation().command
+            feedback.pushCommandInfo(spell([*program, name, *target, *rest]))
+            command = [*program, name, "--progress", "jsonl", "--until-eof", *target, *rest]
             outcome = runner.run(
                 command,
                 progress=progress,
-                warn=feedback.pushWarning,
+                warn=lambda text: feedback.pushWarning(in_the_dialogs_words(text)),
                 cancelled=feedback.isCanceled,
                 places=[Path(output).parent],
             )
         except environment.EnvironmentProblem as problem:
             raise QgsProcessingException(str(problem)) from problem
         except runner.RunError as error:
-            raise QgsProcessingException(str(error)) from error
+            raise QgsProcessingException(in_the_dialogs_words(str(error))) from error
         except runner.Cancelled as stop:
             raise QgsProcessingException(f"Cancelled: {output} was not written.") from stop
         return outcome.figures

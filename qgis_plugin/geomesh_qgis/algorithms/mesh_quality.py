@@ -60,7 +60,7 @@ Lengths are in pixels of the image, or in map units: then the names of the field
         )
         self.addParameter(
             QgsProcessingParameterFileDestination(
-                "REPORT", "Report", "HTML files (*.html)", None, True
+                "REPORT", "Quality report", "HTML files (*.html)", None, True
             )
         )
         self.addOutput(QgsProcessingOutputNumber("KI_MEAN", "Mean Ki"))
@@ -106,13 +106,13 @@ Lengths are in pixels of the image, or in map units: then the names of the field
                 self.run_geomesh(["convert", "--", stored], feedback, output, (share, 1))
             about = read_document(stored)
         uri = layer_uri(output, "triangles")
-        dress_vector_layer(uri, "triangles")
+        dress_vector_layer(uri, "quality")
         name = Path(self._path).stem
         load_when_done(
             context,
             output,
             {"triangles": uri},
-            title=f"{name} measured",
+            title=f"{name}, measured",
             unnamed=self.parameterDefinition("OUTPUT").description(),
             about=about,
         )

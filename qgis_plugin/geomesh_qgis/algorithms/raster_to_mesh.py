@@ -42,6 +42,18 @@ from .base import PRESETS, GeomeshAlgorithm
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
 from .values import find_number_fault, is_given
 
+_TIPS = {
+    "BANDS": "Bands to use and to measure; all but alpha if none is chosen",
+    "NODES": "The strongest features, spread evenly; all of them if not set",
+    "MIN_SPACING": "The stronger of two features that are closer stays; the preset's if not set",
+    "DOMAIN": "The preset's choice if not set",
+    "EXTENT": "The part of the raster to mesh; all of it if not set",
+    "MASK": "Polygons; pixels outside are left out",
+    "LAYERS": "The GeoPackage holds them all in any case",
+    "NODATA": "In place of the raster's own",
+    "MESH": "The same mesh as a native mesh layer, in a UGRID file",
+}
+
 DOMAINS = ("valid", "image", "hull")
 
 
@@ -73,12 +85,7 @@ to the letter, at 256 × 256 pixels.<br/>
         """Declare the parameters and the outputs."""
         whole = QgsProcessingParameterNumber.Type.Integer
         real = QgsProcessingParameterNumber.Type.Double
-        spacing = QgsProcessingParameterNumber(
-            "MIN_SPACING", "Least distance between nodes (pixels)", real, None, True, 0
-        )
-        nodata = QgsProcessingParameterNumber(
-            "NODATA", "Nodata value, in place of the raster's own", real, None, True
-        )
+        nodata = QgsProcessingParameterNumber("NODATA", "Nodata value", real, None, True)
         advanced = QgsProcessingParameterNumber.Flag.FlagAdvanced
         nodata.setFlags(nodata.flags() | advanced)
         for parameter in (
@@ -90,25 +97,23 @@ to the letter, at 256 × 256 pixels.<br/>
                 False,
                 0,
             ),
-            QgsProcessingParameterBand(
-                "BANDS", "Bands (all but alpha if none is chosen)", None, "INPUT", True, True
-            ),
+            QgsProcessingParameterBand("BANDS", "Bands", None, "INPUT", True, True),
+            QgsProcessingParameterNumber("NODES", "Node budget", whole, None, True, 1),
             QgsProcessingParameterNumber(
-                "NODES", "Node budget (all features if not set)", whole, None, True, 1
+                "MIN_SPACING", "Least distance between nodes (pixels)", real, None, True, 0
             ),
-            spacing,
             QgsProcessingParameterEnum(
                 "DOMAIN",
-                "What the mesh covers (the preset's choice if not set)",
+                "Area to cover",
                 ["the valid data", "the whole image", "the convex hull of the keypoints"],
                 False,
                 None,
                 True,
             ),
-            QgsProcessingParameterExtent("EXTENT", "Extent to mesh", None, True),
+            QgsProcessingParameterExtent("EXTENT", "Extent", None, True),
             QgsProcessingParameterFeatureSource(
                 "MASK",
-                "Mask: polygons to mesh within",
+                "Mask",
                 [QgsProcessing.SourceType.TypeVectorPolygon],
                 None,
                 True,
@@ -125,6 +130,7 @@ to the letter, at 256 × 256 pixels.<br/>
                 "MESH", "Mesh layer", "UGRID mesh (*.nc)", None, True, False
             ),
         ):
+            parameter.setHelp(_TIPS.get(parameter.name(), parameter.help()))
             self.addParameter(parameter)
         points = QgsProcessing.SourceType.TypeVectorPoint
         lines = QgsProcessing.SourceType.TypeVectorLine

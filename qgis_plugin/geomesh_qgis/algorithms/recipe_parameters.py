@@ -189,9 +189,7 @@ def _stretch(
     algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
 ) -> list[float] | None:
     """Return the two percentiles; the dialog has NaN for what is not set."""
-    given = parameters.get("STRETCH")
     if not is_given(parameters, "STRETCH", context):
         return None
-    if isinstance(given, (list, tuple)) and all(map(math.isnan, given)):
-        return None
-    return algorithm.parameterAsRange(parameters, "STRETCH", context)
+    limits = algorithm.parameterAsRange(parameters, "STRETCH", context)
+    return None if limits and all(map(math.isnan, limits)) else limits

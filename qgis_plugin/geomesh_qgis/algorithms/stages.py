@@ -48,7 +48,7 @@ is shown by its middle; choose another part by its <b>extent</b>.</p>
                 "PNG files (*.png);;PDF files (*.pdf);;SVG files (*.svg)",
             ),
             QgsProcessingParameterFileDestination(
-                "REPORT", "Report", "HTML files (*.html)", None, True
+                "REPORT", "Stages report", "HTML files (*.html)", None, True
             ),
         ):
             self.addParameter(parameter)

@@ -19,7 +19,7 @@ from .environment import (
     installation_at,
     python_in,
 )
-from .managed import beside, move_folder, remove_folder, wheel_version
+from .managed import beside, locked, move_folder, remove_folder, wheel_version
 from .pythons import find_base_python
 from .runner import describe_end
 from .trial import self_test
@@ -84,16 +84,17 @@ def install(
     wheel_version(wheel)
     new = beside(managed, "new")
     try:
-        _recover(managed)
-        progress(0.0, "Looking for a Python ...")
-        base = python or find_base_python()
-        new.mkdir(parents=True)
-        try:
-            _fill(new, base, wheel, progress, cancelled)
-            _swap(new, managed)
-        finally:
-            with suppress(EnvironmentProblem):  # the next installation tries again
-                remove_folder(new)
+        with locked(managed):
+            _recover(managed)
+            progress(0.0, "Looking for a Python ...")
+            base = python or find_base_python()
+            new.mkdir(parents=True)
+            try:
+                _fill(new, base, wheel, progress, cancelled)
+                _swap(new, managed)
+            finally:
+                with suppress(EnvironmentProblem):  # the next installation tries again
+                    remove_folder(new)
     except OSError as error:
         raise EnvironmentProblem(_system_error(managed, error)) from error
     finally:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
+import sys
+import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -122,9 +125,38 @@ def remove(managed: Path) -> None:
         raise EnvironmentProblem(
             f"{managed} is no environment of Python, so it was kept; look what it is and move it"
         )
-    for folder in (managed, beside(managed, "new"), beside(managed, "old")):
-        remove_folder(folder)
+    with locked(managed):
+        for folder in (managed, beside(managed, "new"), beside(managed, "old")):
+            remove_folder(folder)
     forget_versions()
+
+
+@contextmanager
+def locked(managed: Path) -> Iterator[None]:
+    """Keep other windows of QGIS from installing or removing at the same time.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If one does so already. The lock goes with its process, however that ends.
+    """
+    # Not in the profile, where it would stay behind.
+    name = hashlib.sha256(str(managed).encode()).hexdigest()[:16]
+    with (Path(tempfile.gettempdir()) / f"geomesh-{name}.lock").open("a+b") as file:
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise EnvironmentProblem(
+                "another window of QGIS is installing or removing geomesh: wait until it is done"
+            ) from error
+        yield
 
 
 def beside(managed: Path, what: str) -> Path:

@@ -20,7 +20,7 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ..engine.environment import order
+from ..engine.environment import OPTIONS, order
 from ..engine.managed import Survey
 
 
@@ -89,7 +89,7 @@ class OptionsForm(QWidget):
             Of the plugin's own environment.
         """
         used = survey.used
-        self.version.setText(used.version if used else survey.problem)
+        self.version.setText(used.version if used else survey.problem.replace(f" in {OPTIONS}", ""))
         self.origin.setText(used.origin if used else "")
         self.program.setText(used.command[0] if used else "")
         self.program.setToolTip(self.program.text())

@@ -53,7 +53,7 @@ class Driver:
             return
         self._busy = True
         try:
-            self._close_boxes()
+            self._refuse_boxes()
             value = self._awaited() if self._awaited else None
             if value or not self._awaited:
                 self._awaited = self._steps.send(value)
@@ -69,12 +69,13 @@ class Driver:
         finally:
             self._busy = False
 
-    def _close_boxes(self) -> None:
-        """Note and close message boxes: no one is there to read them."""
+    def _refuse_boxes(self) -> None:
+        """Note a message box and give up: no one is there to read it."""
         for window in QApplication.topLevelWidgets():
             if isinstance(window, QMessageBox) and window.isVisible():
                 self.report["boxes"].append(window.text())
-                window.reject()
+        if self.report["boxes"]:
+            raise RuntimeError(f"message box: {self.report['boxes'][0]}")
 
     def _end(self) -> None:
         self._timer.stop()

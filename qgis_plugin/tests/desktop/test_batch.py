@@ -23,6 +23,8 @@ def test_a_batch_of_scenes(tmp_path, samples, geomesh_python):
     )
     assert seen["failure"] is None, seen["failure"]
     assert seen["exceptions"] == []
-    assert set(seen["layers"]) == {f"{n} {part}" for n in NAMES for part in ("nodes", "triangles")}
-    assert all(0 < seen["layers"][f"{name} nodes"] <= 90 for name in NAMES)
+    assert set(seen["layers"]) == {
+        f"{part} · {n}" for n in NAMES for part in ("nodes", "triangles")
+    }
+    assert all(0 < seen["layers"][f"nodes · {name}"] <= 90 for name in NAMES)
     assert sorted(path.stem for path in meshes.glob("*.gpkg")) == sorted(NAMES)

@@ -139,7 +139,11 @@ def test_geomesh_ends_when_qgis_is_killed(tmp_path, olinda, geomesh_python):
         GEOMESH_TEST_RASTER=large,
         GEOMESH_TEST_OUTPUT=place / "large.gpkg",
     ) as process:
-        at_work = wait_for(lambda: list(filter(is_geomesh, find_children(process.pid))), 90)
+        wait_for(
+            lambda: process.poll() is not None or any(map(is_geomesh, find_children(process.pid))),
+            90,
+        )
+        at_work = list(filter(is_geomesh, find_children(process.pid)))
         log = (tmp_path / "desktop/qgis.log").read_text(errors="replace")[-3000:]
         assert at_work, log
         time.sleep(5)  # so that it has started to work
