@@ -598,7 +598,7 @@ def test_what_is_read_is_not_written_over(provider, run, olinda, tmp_path, proje
     """By whatever name: in a database, through a link, as a mask."""
     raster = tmp_path / "raster.gpkg"
     shutil.copy(olinda, raster)
-    mask = QgsVectorLayer(run(olinda, NODES=50)["OUTPUT"], "mask", "ogr")
+    mask = run(olinda, NODES=50)["OUTPUT"]
     link = tmp_path / "link.gpkg"
     link.symlink_to(raster)
     algorithm = provider.algorithm("rastertomesh").create()
@@ -606,7 +606,7 @@ def test_what_is_read_is_not_written_over(provider, run, olinda, tmp_path, proje
         {"INPUT": str(raster), "OUTPUT": str(raster)},
         {"INPUT": str(raster), "OUTPUT": str(link)},
         {"INPUT": str(raster), "OUTPUT": str(tmp_path / "x" / ".." / "raster.gpkg")},
-        {"INPUT": str(olinda), "OUTPUT": mask.source().partition("|")[0], "MASK": mask},
+        {"INPUT": str(olinda), "OUTPUT": mask.partition("|")[0], "MASK": mask},
     ):
         (tmp_path / "x").mkdir(exist_ok=True)
         passed, reason = algorithm.checkParameterValues(given, QgsProcessingContext())
