@@ -6,7 +6,6 @@ the user has set on the layer and the file does not know: its CRS and nodata val
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -172,12 +171,6 @@ def export_mask(
             raise QgsProcessingException(f"the mask cannot be read: {writer.errorMessage()}")
     del writer  # closes the file
     return path
-
-
-def bounds_options(extent: QgsRectangle) -> Sequence[str]:
-    """Return the option that crops to an extent in the raster's CRS."""
-    corners = (extent.xMinimum(), extent.yMinimum(), extent.xMaximum(), extent.yMaximum())
-    return ["--bounds", *map(repr, corners)]
 
 
 def _gdal_source(layer: QgsRasterLayer) -> tuple[str, tuple[str, ...]]:

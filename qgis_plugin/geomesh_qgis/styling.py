@@ -180,7 +180,7 @@ def keep_style(layer: QgsMapLayer) -> None:
         save = getattr(layer, "saveStyleToDatabaseV2", layer.saveStyleToDatabase)
         save(STYLE, "By geomesh", True, "")
     else:
-        layer.saveDefaultStyle()
+        layer.saveNamedStyle(layer.styleURI())
 
 
 def _find_group(layer: QgsMeshLayer, name: str) -> int | None:

@@ -19,6 +19,7 @@ from qgis.PyQt.QtGui import QIcon
 from .. import settings
 from ..engine import environment, runner
 from ..files import find_format_fault, find_output_fault
+from ..inputs import RasterInput, describe_raster
 
 PRESETS = {
     "features": "features: the raster's own resolution",
@@ -26,7 +27,6 @@ PRESETS = {
 }
 
 _FOLDER = Path(__file__).parents[1]
-
 
 # What geomesh calls its options, and what the dialog calls them.
 _WORDS = {
@@ -196,3 +196,25 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         except runner.Cancelled as stop:
             raise QgsProcessingException(f"Cancelled: {output} was not written.") from stop
         return outcome.figures
+
+
+class RasterAlgorithm(GeomeshAlgorithm):
+    """One that reads the raster layer INPUT, cropped to EXTENT."""
+
+    raster: RasterInput
+
+    def prepareAlgorithm(
+        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+    ) -> bool:
+        """Ask the layer what is needed: later this runs in another thread."""
+        super().prepareAlgorithm(parameters, context, feedback)
+        self.raster = describe_raster(self.parameterAsRasterLayer(parameters, "INPUT", context))
+        return True
+
+    def extent_options(self, parameters: dict, context: QgsProcessingContext) -> list[str]:
+        """Return geomesh's option for EXTENT, in the CRS of the raster."""
+        box = self.parameterAsExtent(parameters, "EXTENT", context, self.raster.crs)
+        if box.isNull():
+            return []
+        corners = (box.xMinimum(), box.yMinimum(), box.xMaximum(), box.yMaximum())
+        return ["--bounds", *map(repr, corners)]

@@ -24,8 +24,6 @@ from qgis.core import (
 
 from ..files import is_geopackage, is_same_file, layer_files
 from ..inputs import (
-    bounds_options,
-    describe_raster,
     export_mask,
     find_raster_fault,
     raster_options,
@@ -38,7 +36,7 @@ from ..results import (
     layer_uri,
     load_when_done,
 )
-from .base import PRESETS, GeomeshAlgorithm
+from .base import PRESETS, RasterAlgorithm
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
 from .values import find_number_fault, is_given
 
@@ -57,7 +55,7 @@ _TIPS = {
 DOMAINS = ("valid", "image", "hull")
 
 
-class RasterToMesh(GeomeshAlgorithm):
+class RasterToMesh(RasterAlgorithm):
     """Turns a raster layer into a mesh: vector layers and, if wanted, a mesh layer."""
 
     NAME = "rastertomesh"
@@ -172,14 +170,6 @@ to the letter, at 256 × 256 pixels.<br/>
             return f"{output} and {mesh} would share one style file: choose another name for one."
         return self.find_file_output_fault("MESH", parameters, context, read)
 
-    def prepareAlgorithm(
-        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
-    ) -> bool:
-        """Ask the raster layer what is needed: later this runs in another thread."""
-        super().prepareAlgorithm(parameters, context, feedback)
-        self._raster = describe_raster(self.parameterAsRasterLayer(parameters, "INPUT", context))
-        return True
-
     def processAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict:
@@ -195,7 +185,7 @@ to the letter, at 256 × 256 pixels.<br/>
             folder = Path(name)
             stored = output if whole else str(folder / "mesh.gpkg")
             options = self._options(parameters, context, folder, feedback)
-            source = raster_options(self._raster, folder, feedback)
+            source = raster_options(self.raster, folder, feedback)
             share = 1 - 0.1 * (not whole) - 0.1 * bool(mesh_layer)
             figures = self.run_geomesh(["mesh", *options, *source], feedback, stored, (0, share))
             if not whole:
@@ -213,7 +203,7 @@ to the letter, at 256 × 256 pixels.<br/>
             context,
             output,
             loaded,
-            title=self._raster.name,
+            title=self.raster.name,
             unnamed=self.parameterDefinition("OUTPUT").description(),
             about=about,
         )
@@ -251,9 +241,7 @@ to the letter, at 256 × 256 pixels.<br/>
             options += ["--domain", DOMAINS[self.parameterAsEnum(parameters, "DOMAIN", context)]]
         if is_given(parameters, "NODATA", context):
             options += ["--nodata", repr(self.parameterAsDouble(parameters, "NODATA", context))]
-        extent = self.parameterAsExtent(parameters, "EXTENT", context, self._raster.crs)
-        if not extent.isNull():
-            options += bounds_options(extent)
+        options += self.extent_options(parameters, context)
         mask = self.parameterAsSource(parameters, "MASK", context)
         if mask is not None:
             options += ["--mask", export_mask(mask, folder, feedback)]

@@ -15,14 +15,14 @@ from qgis.core import (
 )
 
 from ..files import layer_files
-from ..inputs import bounds_options, describe_raster, find_raster_fault, raster_options
+from ..inputs import find_raster_fault, raster_options
 from ..reports import picture_report, save_report
-from .base import PRESETS, GeomeshAlgorithm
+from .base import PRESETS, RasterAlgorithm
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
 from .values import find_number_fault
 
 
-class Stages(GeomeshAlgorithm):
+class Stages(RasterAlgorithm):
     """Draws what each stage of the pipeline gives."""
 
     NAME = "stages"
@@ -65,14 +65,6 @@ is shown by its middle; choose another part by its <b>extent</b>.</p>
             or find_recipe_fault(self, parameters, context)
         )
 
-    def prepareAlgorithm(
-        self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
-    ) -> bool:
-        """Ask the raster layer what is needed: later this runs in another thread."""
-        super().prepareAlgorithm(parameters, context, feedback)
-        self._raster = describe_raster(self.parameterAsRasterLayer(parameters, "INPUT", context))
-        return True
-
     def processAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict:
@@ -80,14 +72,12 @@ is shown by its middle; choose another part by its <b>extent</b>.</p>
         output = self.parameterAsFileOutput(parameters, "OUTPUT", context)
         report = self.parameterAsFileOutput(parameters, "REPORT", context)
         options = ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
-        extent = self.parameterAsExtent(parameters, "EXTENT", context, self._raster.crs)
-        if not extent.isNull():
-            options += bounds_options(extent)
+        options += self.extent_options(parameters, context)
         options += recipe_options(self, parameters, context)
         with tempfile.TemporaryDirectory(prefix="geomesh-") as name:
-            source = raster_options(self._raster, Path(name), feedback)
+            source = raster_options(self.raster, Path(name), feedback)
             self.run_geomesh(["stages", *options, *source], feedback, output)
         if not report:
             return {"OUTPUT": output}
-        save_report(picture_report(f"Stages of {self._raster.name}", Path(output)), report)
+        save_report(picture_report(f"Stages of {self.raster.name}", Path(output)), report)
         return {"OUTPUT": output, "REPORT": report}
