@@ -120,6 +120,19 @@ def project(qgis_new_project):
     QgsProject.instance().clear()
 
 
+@pytest.fixture
+def run(provider, processing, tmp_path, project):
+    """Run `geomesh:rastertomesh` into a folder of the test."""
+    from meshing import ALGORITHM, Listener
+
+    def run(raster, output="mesh.gpkg", feedback=None, **parameters):
+        given = {"INPUT": raster, "OUTPUT": str(tmp_path / output), **parameters}
+        given = {name: str(v) if isinstance(v, Path) else v for name, v in given.items()}
+        return processing.run(ALGORITHM, given, feedback=feedback or Listener())
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def qgis_environment(tmp_path_factory):
     """Make the environment of a QGIS process that knows nothing of the user's."""
