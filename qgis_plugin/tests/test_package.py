@@ -91,19 +91,24 @@ def test_same_sources_give_the_same_zip(package, geomesh_python, tmp_path):
     assert "Install from ZIP" in printed
 
 
-def test_two_versions_stop_the_build(geomesh_python, tmp_path):
-    copy = tmp_path / "qgis_plugin"
-    shutil.copytree(PLUGINS, copy, ignore=shutil.ignore_patterns("tests", ".*"))
-    (tmp_path / "geomesh").mkdir()
-    (tmp_path / "geomesh/_version.py").write_text('"""Of another time."""\n__version__ = "9.9"\n')
+def refusal(python, folder):
+    """What the build in a folder's copy of the plugin says when it stops."""
     result = subprocess.run(
-        [geomesh_python, copy / "build.py", "--out", tmp_path / "dist"],
+        [python, folder / "qgis_plugin/build.py", "--out", folder / "dist"],
         capture_output=True,
         text=True,
         check=False,
     )
     assert result.returncode != 0
-    assert "9.9" in result.stderr
+    return result.stderr
+
+
+def test_two_versions_stop_the_build(geomesh_python, tmp_path):
+    copy = tmp_path / "qgis_plugin"
+    shutil.copytree(PLUGINS, copy, ignore=shutil.ignore_patterns("tests", ".*"))
+    (tmp_path / "geomesh").mkdir()
+    (tmp_path / "geomesh/_version.py").write_text('"""Of another time."""\n__version__ = "9.9"\n')
+    assert "9.9" in refusal(geomesh_python, tmp_path)
     assert not (tmp_path / "dist").exists()
 
 
@@ -114,14 +119,7 @@ def test_leftover_stops_the_build(geomesh_python, tmp_path):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
     (copy / "geomesh_qgis/plugin.py.orig").write_text("")
-    result = subprocess.run(
-        [geomesh_python, copy / "build.py", "--out", tmp_path / "dist"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.returncode != 0
-    assert "plugin.py.orig" in result.stderr
+    assert "plugin.py.orig" in refusal(geomesh_python, tmp_path)
 
 
 def test_qgis_takes_the_zip(package, qgis_environment, tmp_path):

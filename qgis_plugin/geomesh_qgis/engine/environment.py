@@ -15,12 +15,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from . import OPTIONS
 from .child import ask
 from .runner import describe_end
 
 MINIMUM = "0.1.0"
-
-OPTIONS = "Settings > Options > geomesh"
 
 SETTING = "the plugin's setting"
 VARIABLE = "GEOMESH_PYTHON"

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from . import OPTIONS
 from .child import Child, clean_environment
 from .environment import (
     MANAGED,
-    OPTIONS,
     EnvironmentProblem,
     Installation,
     forget_versions,

@@ -89,15 +89,6 @@ def wheel_version(wheel: Path) -> str:
     return match[1]
 
 
-def is_managed_current(managed: Path, wheel: Path) -> bool:
-    """Return whether the plugin's own environment works and is as new as the wheel."""
-    try:
-        version = installation_at(str(managed), MANAGED).version
-    except EnvironmentProblem:
-        return False
-    return order(version) >= order(wheel_version(wheel))
-
-
 def survey(setting: str, managed: Path) -> Survey:
     """Return what there is; problems are told, not raised."""
     used, problem = None, ""

@@ -14,8 +14,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from . import OPTIONS
 from .child import ask
-from .environment import OPTIONS, EnvironmentProblem
+from .environment import EnvironmentProblem
 
 OLDEST = (3, 11)
 # Newer ones are taken if there is no other: wheels of numba come months after a Python.

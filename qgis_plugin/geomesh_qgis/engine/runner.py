@@ -16,13 +16,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from . import OPTIONS
 from .child import Cancelled, Child, clean_environment
 
 __all__ = ["PROTOCOL", "Cancelled", "Outcome", "RunError", "clean_environment", "run"]
 
 PROTOCOL = 1
-
-_OPTIONS = "Settings > Options > geomesh"
 
 
 class RunError(Exception):
@@ -188,7 +187,7 @@ def _check_protocol(version: object) -> None:
     way_out = (
         "upgrade the plugin in Plugins > Manage and Install Plugins"
         if newer
-        else f"upgrade geomesh in {_OPTIONS}"
+        else f"upgrade geomesh in {OPTIONS}"
     )
     raise RunError(
         "protocol", f"geomesh speaks protocol {version}, the plugin {PROTOCOL}: {way_out}"
@@ -197,7 +196,7 @@ def _check_protocol(version: object) -> None:
 
 def _not_started(program: str, error: Exception) -> str:
     reason = getattr(error, "strerror", None) or str(error)
-    return f"{program} cannot be started: {reason}; choose or install geomesh in {_OPTIONS}"
+    return f"{program} cannot be started: {reason}; choose or install geomesh in {OPTIONS}"
 
 
 def _crashed(code: int | None, errors: Sequence[str]) -> str:
@@ -206,7 +205,7 @@ def _crashed(code: int | None, errors: Sequence[str]) -> str:
     way_out = (
         "memory may have run out: mesh a smaller part"
         if end == "SIGKILL"
-        else f"check it with Verify in {_OPTIONS}"
+        else f"check it with Verify in {OPTIONS}"
     )
     return f"geomesh ended unexpectedly ({end}: {said}); {way_out}"
 

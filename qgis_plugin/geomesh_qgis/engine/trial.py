@@ -6,7 +6,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from .environment import OPTIONS, EnvironmentProblem, Installation
+from . import OPTIONS
+from .environment import EnvironmentProblem, Installation
 from .runner import RunError, run
 
 _TOLD = ("--progress", "jsonl", "--until-eof")

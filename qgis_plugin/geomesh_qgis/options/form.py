@@ -20,7 +20,8 @@ from qgis.PyQt.QtWidgets import (
     QWidget,
 )
 
-from ..engine.environment import OPTIONS, order
+from ..engine import OPTIONS
+from ..engine.environment import order
 from ..engine.managed import Survey
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 sys.path.insert(0, os.environ["GEOMESH_TEST_SCRIPTS"])
 
 import qgis.utils
-from driver import Driver, canvas_is_still, processing_dialog
+from driver import Driver, canvas_is_still, press_run, processing_dialog
 from qgis.core import Qgis, QgsApplication, QgsProject, QgsRasterLayer, QgsVectorLayer
 from qgis.PyQt.QtCore import QT_VERSION_STR, QTimer
 from qgis.PyQt.QtWidgets import QAction, QDockWidget, QTextEdit, QToolBar
@@ -83,13 +83,7 @@ def steps(driver):
     yield canvas_is_still()
     report["dialog"] = dialog.windowTitle()
     driver.picture(PICTURES / "qgis_dialog.png")
-    ended = []
-    dialog.algorithmFinished.connect(
-        lambda successful, results: ended.append((successful, results))
-    )
-    QTimer.singleShot(0, dialog.runButton().click)
-    yield lambda: ended
-    report["successful"], report["results"] = ended[0]
+    report["successful"], report["results"] = yield from press_run(dialog)
     yield canvas_is_still()
     report["log"] = [text.toPlainText() for text in dialog.findChildren(QTextEdit)]
     driver.picture(PICTURES / "qgis_finished.png")

@@ -7,7 +7,7 @@ from pathlib import Path
 sys.path.insert(0, os.environ["GEOMESH_TEST_SCRIPTS"])
 
 import qgis.utils
-from driver import Driver, canvas_is_still, options_page, processing_dialog
+from driver import Driver, canvas_is_still, options_page, press_run, processing_dialog
 from qgis.core import QgsProject, QgsRasterLayer
 from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import QAction, QLabel, QProgressBar, QPushButton
@@ -63,13 +63,7 @@ def steps(driver):
 
     QTimer.singleShot(0, action.trigger)
     dialog = yield processing_dialog
-    ended = []
-    dialog.algorithmFinished.connect(
-        lambda successful, results: ended.append((successful, results))
-    )
-    QTimer.singleShot(0, dialog.runButton().click)
-    yield lambda: ended
-    report["successful"], report["results"] = ended[0]
+    report["successful"], report["results"] = yield from press_run(dialog)
     dialog.close()
     yield lambda: processing_dialog() is None
 

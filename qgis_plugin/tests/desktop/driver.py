@@ -97,6 +97,17 @@ def processing_dialog() -> QgsProcessingAlgorithmDialogBase | None:
     return None
 
 
+def press_run(dialog: QgsProcessingAlgorithmDialogBase) -> Generator:
+    """Press Run and wait for the end: steps that give (successful, results)."""
+    ended = []
+    dialog.algorithmFinished.connect(
+        lambda successful, results: ended.append((successful, results))
+    )
+    QTimer.singleShot(0, dialog.runButton().click)
+    yield lambda: ended
+    return ended[0]
+
+
 def options_page() -> QWidget | None:
     """The options page of the plugin, if it is open."""
     pages = (
