@@ -24,6 +24,7 @@ from geomesh.outline import Turns, find_turns
 from geomesh.preprocess import Gray, resize
 from geomesh.recipe import Recipe
 from geomesh.tiles import HALO, Progress, Tile, map_tiles, part_of, plan_tiles
+from geomesh.workers import Crew
 
 # Two tiles may place one keypoint on their common border a little differently:
 # both report what lies this close outside their core, and the copies are merged.
@@ -103,7 +104,7 @@ class _TileFeatures:
         return self.keypoints.take(kept)
 
 
-def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
+def detect(image: GrayImage, recipe: Recipe, crew: Crew, progress: Progress) -> Detection:
     """Find the keypoints of a gray image that lie on its Canny edges.
 
     Parameters
@@ -111,11 +112,12 @@ def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
     image : GrayImage
         At the source's resolution; the recipe says whether to resize it.
     recipe : Recipe
+    crew : Crew
     progress : callable(fraction, message)
     """
     survey = None
     if recipe.resize is not None:
-        image, survey = shrink(image, recipe.resize, part_of(progress, 0, 0.6))
+        image, survey = shrink(image, recipe.resize, crew, part_of(progress, 0, 0.6))
         progress = part_of(progress, 0.6, 1)
     extent = image.extent
     core = {} if recipe.is_local else {"core": max(extent.width, extent.height)}
@@ -123,8 +125,10 @@ def detect(image: GrayImage, recipe: Recipe, progress: Progress) -> Detection:
     thresholds = canny_thresholds(image, recipe)
     parts = list(
         map_tiles(
-            lambda tile: _detect_tile(tile, image, recipe, thresholds),
-            tiles,
+            _DetectFeatures(recipe, thresholds),
+            ((image.excerpt(tile.read), tile) for tile in tiles),
+            len(tiles),
+            crew,
             progress=progress,
             message="Detecting edges and keypoints",
         )
@@ -174,7 +178,9 @@ def _sample_windows(extent: Window) -> list[Window]:
     return [Window(c, r, 2 * half, 2 * half).clip(extent) for r in rows for c in columns]
 
 
-def shrink(image: GrayImage, size: tuple[int, int], progress: Progress) -> tuple[ArrayGray, Survey]:
+def shrink(
+    image: GrayImage, size: tuple[int, int], crew: Crew, progress: Progress
+) -> tuple[ArrayGray, Survey]:
     """Read a whole gray image by tiles and resize it to (width, height).
 
     Takes two bytes a pixel of the source: resizing by area is not local.
@@ -182,17 +188,29 @@ def shrink(image: GrayImage, size: tuple[int, int], progress: Progress) -> tuple
     extent = image.extent
     gray = np.empty(extent.shape, np.uint8)
     valid = np.empty(extent.shape, np.bool_)
-
-    def read(tile: Tile) -> Survey:
-        block, known = image.read(tile.read)
-        inner = tile.core.slices(tile.read)
-        gray[tile.core.slices()], valid[tile.core.slices()] = block[inner], known[inner]
-        return _survey(known, tile, extent)
-
     tiles = plan_tiles(extent)
-    surveys = list(map_tiles(read, tiles, progress=progress, message="Reading and resizing"))
+    parts = map_tiles(
+        _read_core,
+        ((image.excerpt(tile.read), tile) for tile in tiles),
+        len(tiles),
+        crew,
+        progress=progress,
+        message="Reading and resizing",
+    )
+    surveys = []
+    for tile, (block, known, survey) in zip(tiles, parts, strict=True):
+        gray[tile.core.slices()], valid[tile.core.slices()] = block, known
+        surveys.append(survey)
     share = resize(valid.view(np.uint8) * np.uint8(255), size)
-    return ArrayGray(resize(gray, size), share > 127), _join(surveys)
+    return ArrayGray.whole(resize(gray, size), share > 127), _join(surveys)
+
+
+def _read_core(task: tuple[GrayImage, Tile]) -> tuple[Gray, NDArray[np.bool_], Survey]:
+    """Return gray levels and validity of a tile's core, and its survey."""
+    image, tile = task
+    gray, valid = image.read(tile.read)
+    inner = tile.core.slices(tile.read)
+    return gray[inner], valid[inner], _survey(valid, tile, image.extent)
 
 
 def _survey(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Survey:
@@ -205,39 +223,52 @@ def _join(surveys: Sequence[Survey]) -> Survey:
     return Survey(turns, sum(survey.valid_pixels for survey in surveys))
 
 
-def _detect_tile(
-    tile: Tile, image: GrayImage, recipe: Recipe, thresholds: Thresholds
-) -> _TileFeatures:
-    gray, valid = image.read(tile.read)
-    distance = recipe.edge_distance or 0.0
-    weak, partial = tile_edges(
-        gray,
-        valid,
-        tile,
-        thresholds,
-        image_width=image.extent.width,
-        seam=int(distance) + 2,
-    )
-    seen = canny(gray, thresholds, valid) * np.uint8(255) if recipe.sift_source == "edges" else gray
-    found = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
-    found = found.moved(found.xy + np.array([tile.read.col, tile.read.row]))
-    keypoints = found.take(_in_core(found.xy, tile) & _usable(found.xy, valid, tile, image, recipe))
-    survey = _survey(valid, tile, image.extent)
-    if recipe.edge_distance is None:
-        nothing = np.empty(0, np.intp)
-        certain = np.ones(len(keypoints), np.bool_)
-        return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey)
-    # Of the labels around keypoints only those are kept that other tiles have a say in:
-    # memory is not to grow with the area of the disc.
-    labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
-    leaves = np.zeros(len(partial.strong), np.bool_)
-    leaves[partial.seam_labels] = True
-    certain = np.any(partial.strong[labels], axis=1)
-    near = certain | np.any(leaves[labels], axis=1)
-    keypoints, labels, certain = keypoints.take(near), labels[near], certain[near]
-    point, column = np.nonzero(leaves[labels] & ~certain[:, None])
-    open_label = labels[point, column].astype(np.intp)
-    return _TileFeatures(keypoints, certain, point, open_label, partial, survey)
+@dataclass(frozen=True)
+class _DetectFeatures:
+    """Finds the features of one tile of an image."""
+
+    recipe: Recipe
+    thresholds: Thresholds
+
+    def __call__(self, task: tuple[GrayImage, Tile]) -> _TileFeatures:
+        image, tile = task
+        recipe, thresholds = self.recipe, self.thresholds
+        gray, valid = image.read(tile.read)
+        distance = recipe.edge_distance or 0.0
+        weak, partial = tile_edges(
+            gray,
+            valid,
+            tile,
+            thresholds,
+            image_width=image.extent.width,
+            seam=int(distance) + 2,
+        )
+        seen = (
+            canny(gray, thresholds, valid) * np.uint8(255)
+            if recipe.sift_source == "edges"
+            else gray
+        )
+        found = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
+        found = found.moved(found.xy + np.array([tile.read.col, tile.read.row]))
+        keypoints = found.take(
+            _in_core(found.xy, tile) & _usable(found.xy, valid, tile, image, recipe)
+        )
+        survey = _survey(valid, tile, image.extent)
+        if recipe.edge_distance is None:
+            nothing = np.empty(0, np.intp)
+            certain = np.ones(len(keypoints), np.bool_)
+            return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey)
+        # Of the labels around keypoints only those are kept that other tiles have a say in:
+        # memory is not to grow with the area of the disc.
+        labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
+        leaves = np.zeros(len(partial.strong), np.bool_)
+        leaves[partial.seam_labels] = True
+        certain = np.any(partial.strong[labels], axis=1)
+        near = certain | np.any(leaves[labels], axis=1)
+        keypoints, labels, certain = keypoints.take(near), labels[near], certain[near]
+        point, column = np.nonzero(leaves[labels] & ~certain[:, None])
+        open_label = labels[point, column].astype(np.intp)
+        return _TileFeatures(keypoints, certain, point, open_label, partial, survey)
 
 
 def _in_core(points: NDArray[np.float64], tile: Tile) -> NDArray[np.bool_]:

@@ -70,6 +70,12 @@ class CertificateError(GeomeshError):
     code = "certificate"
 
 
+class WorkerError(GeomeshError):
+    """Those who should do the work cannot be reached, or were lost."""
+
+    code = "worker"
+
+
 class MissingExtraError(GeomeshError):
     """An optional library is not installed."""
 

@@ -22,6 +22,7 @@ from geomesh.preprocess import Gray
 from geomesh.raster import Scene
 from geomesh.recipe import Recipe
 from geomesh.tiles import Progress, part_of
+from geomesh.workers import open_crew
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,18 +70,18 @@ def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
     """
     scene = middle(scene)
     extent = scene.grid.extent
-    mesh = mesh_scene(scene, recipe, part_of(progress, 0, 0.8))
-    with scene.open() as reader:
-        tone = scene_tone(scene, reader, recipe)
-        plain: GrayImage = SceneGray(reader, tone, sobel=False, extent=extent)
-        worked: GrayImage = SceneGray(reader, tone, sobel=recipe.sobel, extent=extent)
+    with open_crew() as crew, scene.open():
+        mesh = mesh_scene(scene, recipe, crew, part_of(progress, 0, 0.8))
+        tone = scene_tone(scene, recipe, crew, part_of(progress, 0.8, 0.85))
+        plain: GrayImage = SceneGray(scene, tone, sobel=False)
+        worked: GrayImage = SceneGray(scene, tone, sobel=recipe.sobel)
         if recipe.resize is not None:
-            plain, _ = shrink(plain, recipe.resize, part_of(progress, 0.8, 0.9))
-            worked, _ = shrink(worked, recipe.resize, part_of(progress, 0.9, 1))
+            plain, _ = shrink(plain, recipe.resize, crew, part_of(progress, 0.85, 0.95))
+            worked, _ = shrink(worked, recipe.resize, crew, part_of(progress, 0.95, 1))
         gray, _ = plain.read(plain.extent)
         seen, valid = worked.read(worked.extent)
-        edges = canny(seen, canny_thresholds(ArrayGray(seen, valid), recipe), valid)
-        bands, valid = reader.read(extent)
+        edges = canny(seen, canny_thresholds(ArrayGray.whole(seen, valid), recipe), valid)
+        bands, valid = scene.read(extent)
     levels = tone.display(bands)[list(scene.display)]
     image = np.moveaxis(levels, 0, -1).copy()
     image[~valid] = 255

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from geomesh.grid import Window
 from geomesh.preprocess import Gray, Tone, sobel_enhance
-from geomesh.raster import Reader
+from geomesh.raster import Scene
 
 
 class GrayImage(Protocol):
@@ -23,35 +23,64 @@ class GrayImage(Protocol):
     def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
         """Return gray levels and validity (h, w) of a window."""
 
+    def excerpt(self, window: Window) -> GrayImage:
+        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+
 
 @dataclass(frozen=True)
 class SceneGray:
     """The scene's gray image, made window by window."""
 
-    reader: Reader
+    scene: Scene
     tone: Tone
     sobel: bool
-    extent: Window
-
-    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
-        bands, valid = self.reader.read(window)
-        gray = self.tone.gray(bands, valid)
-        return (sobel_enhance(gray) if self.sobel else gray), valid
-
-
-@dataclass(frozen=True)
-class ArrayGray:
-    """A gray image in memory."""
-
-    gray: Gray
-    valid: NDArray[np.bool_]
 
     @property
     def extent(self) -> Window:
         """The window of all pixels."""
-        return Window(0, 0, self.gray.shape[1], self.gray.shape[0])
+        return self.scene.grid.extent
 
     def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
         """Return gray levels and validity (h, w) of a window."""
-        return self.gray[window.slices()], self.valid[window.slices()]
+        bands, valid = self.scene.read(window)
+        gray = self.tone.gray(bands, valid)
+        return (sobel_enhance(gray) if self.sobel else gray), valid
+
+    def excerpt(self, window: Window) -> SceneGray:
+        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        return replace(self, scene=self.scene.excerpt(window))
+
+
+@dataclass(frozen=True)
+class ArrayGray:
+    """A part of a gray image in memory.
+
+    Parameters
+    ----------
+    gray : uint8 (h, w)
+    valid : bool (h, w)
+    extent : Window
+        Of the whole image.
+    held : Window
+        What `gray` and `valid` cover.
+    """
+
+    gray: Gray
+    valid: NDArray[np.bool_]
+    extent: Window
+    held: Window
+
+    @classmethod
+    def whole(cls, gray: Gray, valid: NDArray[np.bool_]) -> ArrayGray:
+        """Return the image of which `gray` and `valid` (h, w) are all."""
+        extent = Window(0, 0, gray.shape[1], gray.shape[0])
+        return cls(gray, valid, extent, extent)
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+        part = window.slices(self.held)
+        return self.gray[part], self.valid[part]
+
+    def excerpt(self, window: Window) -> ArrayGray:
+        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        return ArrayGray(*self.read(window), self.extent, window)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -17,20 +18,22 @@ from numpy.typing import NDArray
 from geomesh import columns, zonal
 from geomesh._version import __version__
 from geomesh.detect import detect
-from geomesh.errors import GeomeshWarning
+from geomesh.errors import GeomeshWarning, WorkerError
 from geomesh.grayimage import SceneGray
 from geomesh.grid import Grid
 from geomesh.mesh import Mesh
 from geomesh.nodes import NodeSet, place_nodes
+from geomesh.overview import read_overview
 from geomesh.preprocess import Tone, fit_tone
 from geomesh.progress import reporting
-from geomesh.raster import Reader, Scene
+from geomesh.raster import Excerpt, Scene
 from geomesh.recipe import Recipe
 from geomesh.sources import Source, open_scene
 from geomesh.table import Table
 from geomesh.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
 from geomesh.topology import Triangles
 from geomesh.triangulate import constrained_delaunay, delaunay
+from geomesh.workers import Crew, open_crew
 
 # What a result may depend on, beside geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
@@ -47,6 +50,8 @@ def mesh_raster(
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
     name: str | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
     progress: bool | Progress = False,
     **values: Any,
 ) -> Mesh:
@@ -72,6 +77,12 @@ def mesh_raster(
         Area of interest.
     name : str, optional
         What messages and metadata call the source, if not by its path.
+    workers : int, optional
+        How many tiles to work on at a time; one a core by default. The mesh is the same
+        to the last bit whatever their number.
+    executor : concurrent.futures.Executor, optional
+        Takes the place of geomesh's own threads: processes, or a Dask cluster's
+        ``Client.get_executor()``. They open the source by its path.
     progress : bool or callable(fraction, message)
         True shows a progress bar; a callable may raise to cancel.
     **values
@@ -97,35 +108,55 @@ def mesh_raster(
     scene = open_scene(
         source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask, name=name
     )
-    # No catching of warnings: filters belong to the process, and other threads may be meshing.
-    for note in scene.notes:
-        warnings.warn(note, GeomeshWarning, stacklevel=2)
-    with reporting(progress) as report:
-        made = mesh_scene(scene, recipe, report)
-    for note in made.metadata["warnings"][len(scene.notes) :]:
-        warnings.warn(note, GeomeshWarning, stacklevel=2)
-    return made
+    with reporting(progress) as report, open_crew(workers, executor) as crew:
+        return mesh_scene(scene, recipe, crew, report)
 
 
-def mesh_scene(scene: Scene, recipe: Recipe, progress: Progress) -> Mesh:
-    """Run the stages on a scene, one after the other."""
-    with scene.open() as reader:
-        tone = scene_tone(scene, reader, recipe)
-        image = SceneGray(reader, tone, recipe.sobel, scene.grid.extent)
-        detection = detect(image, recipe, part_of(progress, 0, 0.6))
-        progress(0.6, "Triangulating")
+def mesh_scene(
+    scene: Scene,
+    recipe: Recipe,
+    crew: Crew,
+    progress: Progress,
+    *,
+    shaped: Callable[[Mesh], None] | None = None,
+) -> Mesh:
+    """Run the stages on a scene, one after the other.
+
+    Parameters
+    ----------
+    scene : Scene
+    recipe : Recipe
+    crew : Crew
+    progress : callable(fraction, message)
+    shaped : callable(Mesh), optional
+        Called with the mesh as soon as its shape is final; it has no statistics yet.
+    """
+    _require_reach(scene, crew)
+    _warn(scene.notes)
+    with scene.open():
+        tone = scene_tone(scene, recipe, crew, part_of(progress, 0, 0.05))
+        image = SceneGray(scene, tone, recipe.sobel)
+        detection = detect(image, recipe, crew, part_of(progress, 0.05, 0.7))
+        progress(0.7, "Triangulating")
         nodes = place_nodes(detection, scene.grid, recipe)
         nodes, triangles = triangulate(nodes, scene.grid, detection.size)
-        statistics = _measure(nodes, triangles, scene, reader, part_of(progress, 0.7, 1))
+        mesh = Mesh(
+            nodes=nodes.points,
+            triangles=triangles,
+            grid=scene.grid,
+            domain=nodes.domain,
+            constraints=nodes.segments,
+            plane_size=detection.size,
+            node_table=nodes.table,
+        )
+        if shaped is not None:
+            shaped(mesh)
+        statistics = measure(mesh, scene, crew, part_of(progress, 0.8, 1))
+    _warn(nodes.notes)
     names = columns.band_names([band.description for band in scene.bands])
-    return Mesh(
-        nodes=nodes.points,
-        triangles=triangles,
-        grid=scene.grid,
-        domain=nodes.domain,
-        constraints=nodes.segments,
-        plane_size=detection.size,
-        node_table=nodes.table.with_columns(columns.node_columns(statistics, names)),
+    return replace(
+        mesh,
+        node_table=mesh.node_table.with_columns(columns.node_columns(statistics, names)),
         triangle_table=Table(
             {
                 **columns.triangle_columns(statistics, names, recipe.statistics),
@@ -150,9 +181,24 @@ def mesh_scene(scene: Scene, recipe: Recipe, progress: Progress) -> Mesh:
     )
 
 
-def scene_tone(scene: Scene, reader: Reader, recipe: Recipe) -> Tone:
+def _warn(notes: Sequence[str]) -> None:
+    # No catching of warnings: filters belong to the process, and other threads may be meshing.
+    for note in notes:
+        warnings.warn(note, GeomeshWarning, stacklevel=3)
+
+
+def _require_reach(scene: Scene, crew: Crew) -> None:
+    """Refuse a source that only this process can read to workers elsewhere."""
+    if not (crew.shares_memory or isinstance(scene.source, str | Excerpt)):
+        raise WorkerError(
+            f"{scene.name} is open in this process only; for workers in other processes give "
+            "its path instead of the open dataset"
+        )
+
+
+def scene_tone(scene: Scene, recipe: Recipe, crew: Crew, progress: Progress) -> Tone:
     """Return how the scene's pixel values become gray levels and colours."""
-    bands, valid = scene.overview(reader)
+    bands, valid = read_overview(scene, crew, progress)
     numbers = [band.index for band in scene.bands]
     return fit_tone(bands, valid, recipe, rgb=scene.rgb, numbers=numbers)
 
@@ -188,16 +234,25 @@ def triangulate(
     return kept, np.ascontiguousarray(triangles)
 
 
-def _measure(
-    nodes: NodeSet, triangles: Triangles, scene: Scene, reader: Reader, progress: Progress
-) -> zonal.Statistics:
-    def measure(tile: Tile) -> zonal.TilePartial:
-        bands, valid = reader.read(tile.read)
-        return zonal.measure_tile(nodes.points, triangles, bands, valid, tile.read, tile.core)
-
+def measure(mesh: Mesh, scene: Scene, crew: Crew, progress: Progress) -> zonal.Statistics:
+    """Return what the scene holds in each triangle and at each node of a mesh."""
     tiles = plan_tiles(scene.grid.extent, halo=1)
-    partials = map_tiles(measure, tiles, progress=progress, message="Measuring triangles")
-    return zonal.merge(partials, len(triangles), len(nodes.points), len(scene.bands))
+    shares = zip(tiles, zonal.share_out(mesh.nodes, mesh.triangles, tiles), strict=True)
+    partials = map_tiles(
+        _measure_tile,
+        ((scene.excerpt(tile.read), tile, share) for tile, share in shares),
+        len(tiles),
+        crew,
+        progress=progress,
+        message="Measuring triangles",
+    )
+    return zonal.merge(partials, len(mesh.triangles), len(mesh.nodes), len(scene.bands))
+
+
+def _measure_tile(task: tuple[Scene, Tile, zonal.Share]) -> zonal.TilePartial:
+    scene, tile, share = task
+    bands, valid = scene.read(tile.read)
+    return share.measure(bands, valid, tile.read, tile.core)
 
 
 def _colors(means: NDArray[np.float64], scene: Scene, tone: Tone) -> NDArray[np.str_]:

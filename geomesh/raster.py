@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
-import re
-import warnings
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import rasterio
 from affine import Affine
 from numpy.typing import NDArray
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.errors import RasterioError
 
 from geomesh.bands import (
     Band,
@@ -24,27 +22,52 @@ from geomesh.bands import (
     find_rgb,
     palette,
 )
-from geomesh.errors import EmptyError, SourceError, one_line
+from geomesh.errors import SourceError, one_line
 from geomesh.grid import Grid, Window
-from geomesh.tiles import plan_tiles
+from geomesh.handles import close_handles, handles
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 
-_OVERVIEW_SIZE = 1024
+# A dataset that the caller opened is one handle, whatever threads want it.
+_borrowed = threading.Lock()
 
 
-class Reader(Protocol):
-    """What a scene is read through: one opened handle, for one thread."""
+@dataclass(frozen=True, eq=False)
+class Excerpt:
+    """A part of a raster in memory.
 
-    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
-        """Return bands (B, h, w) and validity (h, w) of `window`, decimated to `shape`."""
+    Parameters
+    ----------
+    array : (B, h, w), perhaps masked
+        All bands of `window`.
+    window : Window
+    """
+
+    array: NDArray[Any]
+    window: Window
+
+    def read(self, window: Window, shape: tuple[int, int] | None, indexes: Sequence[int]) -> Pixels:
+        """Return the bands at `indexes` and their validity in `window`, decimated to `shape`."""
+        rows, cols = window.slices(self.window)
+        if shape is None:
+            block = self.array[indexes, rows, cols]
+        else:
+            sides = zip((rows.start, cols.start), shape, window.shape, strict=True)
+            picks = [s + ((np.arange(n) + 0.5) * size / n).astype(int) for s, n, size in sides]
+            block = self.array[np.ix_(indexes, *picks)]
+        return np.ma.getdata(block), ~np.any(np.ma.getmaskarray(block), axis=0)
+
+    def cut(self, window: Window) -> Excerpt:
+        """Return the part of it in `window`; no pixel is copied."""
+        return Excerpt(self.array[:, *window.slices(self.window)], window)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A raster, the bands chosen from it and the part of it to work on.
 
-    Made by `geomesh.sources.open_scene`; it holds no open file, so it can be sent to workers.
+    Made by `geomesh.sources.open_scene`; it can be sent to workers, for files are opened
+    where they are read.
 
     Parameters
     ----------
@@ -57,7 +80,9 @@ class Scene:
     bands : tuple of Band
         After a palette has become colours.
     dtype : numpy.dtype
-    source : path, open dataset or array
+    source : str, open dataset or Excerpt
+    size : (int, int)
+        Width and height of the whole raster.
     nodata : float or None
         Replaces the file's own nodata value.
     area : shapely geometry or None
@@ -66,6 +91,8 @@ class Scene:
         outside are invalid.
     notes : tuple of str
         What the user should know about the georeference.
+    reading : str
+        Tells this opening of the raster from others, in every process.
     """
 
     name: str
@@ -74,9 +101,11 @@ class Scene:
     bands: tuple[Band, ...]
     dtype: np.dtype[Any]
     source: Any
+    size: tuple[int, int]
     nodata: float | None = None
     area: Any = None
     notes: tuple[str, ...] = ()
+    reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
 
     @property
     def rgb(self) -> tuple[int, int, int] | None:
@@ -95,43 +124,86 @@ class Scene:
         return self.rgb or told or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
 
     @contextmanager
-    def open(self) -> Iterator[Reader]:
-        """Open the source for reading in this thread."""
-        if isinstance(self.source, tuple):
-            yield _ArrayReader(self)
-        elif isinstance(self.source, str):
-            with open_dataset(self.source) as dataset:
-                yield _DatasetReader(self, dataset)
-        else:
-            yield _DatasetReader(self, self.source)
+    def open(self) -> Iterator[Scene]:
+        """Keep this process's handles on the source for as long as the block lasts."""
+        try:
+            yield self
+        finally:
+            close_handles(self.reading)
 
-    def overview(self, reader: Reader) -> Pixels:
-        """Return one decimated read of the whole scene, at most 1024 pixels a side.
+    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
+        """Return bands (B, h, w) and validity (h, w) of `window`, decimated to `shape`.
 
-        Where decimation meets no valid pixel, the first tile that holds one is
-        taken instead.
-
-        Raises
-        ------
-        EmptyError
-            If no pixel of the scene is valid.
+        Threads may read at the same time.
         """
-        extent = self.grid.extent
-        step = max(extent.width, extent.height) / _OVERVIEW_SIZE
-        shape = extent.shape
-        if step > 1:
-            shape = (math.ceil(extent.height / step), math.ceil(extent.width / step))
-        bands, valid = reader.read(extent, shape)
-        if valid.any():
-            return bands, valid
-        for tile in plan_tiles(extent) if step > 1 else []:
-            bands, valid = reader.read(tile.core)
-            if valid.any():
-                return bands, valid
-        raise EmptyError(
-            f"{self.name} has no valid pixel here: all are nodata, masked, not finite or outside "
-            "--mask; choose other bands or another area, or override the nodata value with --nodata"
-        )
+        base = self.window
+        there = replace(window, col=window.col + base.col, row=window.row + base.row)
+        if isinstance(self.source, Excerpt):
+            bands, valid = self.source.read(there, shape, [band.index - 1 for band in self.bands])
+        elif isinstance(self.source, str):
+            # Decimated windows do not overlap, so they need not take turns.
+            lent = handles(self.reading, self.source, self.size).lend(overlapping=shape is None)
+            with lent as dataset:
+                bands, valid = self._read_dataset(dataset, there, shape)
+        else:
+            with _borrowed:
+                bands, valid = self._read_dataset(self.source, there, shape)
+        return bands, self._narrowed(bands, valid, there)
+
+    def _read_dataset(
+        self, dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int] | None
+    ) -> Pixels:
+        where = rasterio.windows.Window(window.col, window.row, window.width, window.height)
+        out = {"window": where, "out_shape": shape or window.shape}
+        try:
+            colors = palette(dataset)
+            indexes = [1] if colors is not None else [band.index for band in self.bands]
+            bands = dataset.read(indexes, **out)
+            if self.nodata is None:
+                valid = dataset.read_masks(indexes, **out).all(axis=0)
+            else:
+                valid = np.ones(bands.shape[1:], bool)
+            alpha = alpha_index(dataset)
+            if alpha is not None:
+                valid &= dataset.read(alpha, **out) > 0
+        except RasterioError as error:
+            raise SourceError(
+                f"{self.name}: cannot read columns {window.col} to {window.stop_col}, rows "
+                f"{window.row} to {window.stop_row}: the file is truncated or damaged; "
+                f"fetch or export it again (GDAL: {one_line(error)})"
+            ) from error
+        if colors is not None:
+            entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
+            valid &= entries[..., 3] > 0
+            wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
+            bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
+        return bands, valid
+
+    def _narrowed(
+        self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
+    ) -> NDArray[np.bool_]:
+        """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
+        if self.nodata is not None and _holds(bands.dtype, self.nodata):
+            with np.errstate(over="ignore"):
+                valid &= (bands != np.array(self.nodata).astype(bands.dtype)).all(axis=0)
+        if bands.dtype.kind == "f":
+            valid &= np.isfinite(bands).all(axis=0)
+        if self.area is not None:
+            from rasterio.features import geometry_mask
+
+            height, width = valid.shape
+            scale = window.width / width, window.height / height
+            to_file = Affine(scale[0], 0, window.col, 0, scale[1], window.row)
+            valid &= geometry_mask([self.area], valid.shape, to_file, invert=True)
+        return valid
+
+    def excerpt(self, window: Window) -> Scene:
+        """Return the scene as it is to be sent to whoever reads `window` of it, and no more."""
+        if not isinstance(self.source, Excerpt):
+            return self
+        base = self.window
+        there = replace(window, col=window.col + base.col, row=window.row + base.row)
+        return replace(self, source=self.source.cut(there))
 
     def crop(self, window: Window, area: Any = None) -> Scene:
         """Return the scene of the part in `window` (pixels of this scene) and in `area`."""
@@ -145,109 +217,9 @@ class Scene:
         )
 
 
-@dataclass(frozen=True)
-class _ArrayReader:
-    scene: Scene
-
-    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
-        array = self.scene.source[0]
-        base = self.scene.window
-        absolute = replace(window, col=window.col + base.col, row=window.row + base.row)
-        rows, cols = absolute.slices()
-        indexes = [band.index - 1 for band in self.scene.bands]
-        if shape is None:
-            block = array[indexes, rows, cols]
-        else:
-            sides = zip((rows.start, cols.start), shape, window.shape, strict=True)
-            picks = [s + ((np.arange(n) + 0.5) * size / n).astype(int) for s, n, size in sides]
-            block = array[np.ix_(indexes, *picks)]
-        valid: NDArray[np.bool_] = ~np.any(np.ma.getmaskarray(block), axis=0)
-        bands = np.ma.getdata(block)
-        return bands, _valid(self.scene, bands, valid, window)
-
-
-@dataclass(frozen=True)
-class _DatasetReader:
-    scene: Scene
-    dataset: rasterio.DatasetReader
-
-    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
-        base = self.scene.window
-        where = rasterio.windows.Window(
-            window.col + base.col, window.row + base.row, window.width, window.height
-        )
-        out = {"window": where, "out_shape": shape or window.shape}
-        dataset = self.dataset
-        try:
-            colors = palette(dataset)
-            indexes = [1] if colors is not None else [band.index for band in self.scene.bands]
-            bands = dataset.read(indexes, **out)
-            if self.scene.nodata is None:
-                valid = dataset.read_masks(indexes, **out).all(axis=0)
-            else:
-                valid = np.ones(bands.shape[1:], bool)
-            alpha = alpha_index(dataset)
-            if alpha is not None:
-                valid &= dataset.read(alpha, **out) > 0
-        except RasterioError as error:
-            raise SourceError(
-                f"{self.scene.name}: cannot read columns {where.col_off} to "
-                f"{where.col_off + where.width}, rows {where.row_off} to "
-                f"{where.row_off + where.height}: the file is truncated or damaged; "
-                f"fetch or export it again (GDAL: {one_line(error)})"
-            ) from error
-        if colors is not None:
-            entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
-            valid &= entries[..., 3] > 0
-            wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.scene.bands]
-            bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
-        return bands, _valid(self.scene, bands, valid, window)
-
-
 def _holds(dtype: np.dtype[Any], value: float) -> bool:
     """Tell whether a pixel of this type can have the value at all."""
     if dtype.kind == "f":
         return True
     limits = np.iinfo(dtype)
     return value.is_integer() and limits.min <= value <= limits.max
-
-
-def _valid(
-    scene: Scene, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
-) -> NDArray[np.bool_]:
-    """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
-    if scene.nodata is not None and _holds(bands.dtype, scene.nodata):
-        with np.errstate(over="ignore"):
-            valid &= (bands != np.array(scene.nodata).astype(bands.dtype)).all(axis=0)
-    if bands.dtype.kind == "f":
-        valid &= np.isfinite(bands).all(axis=0)
-    if scene.area is not None:
-        from rasterio.features import geometry_mask
-
-        height, width = valid.shape
-        col, row = window.col + scene.window.col, window.row + scene.window.row
-        to_file = Affine(window.width / width, 0, col, 0, window.height / height, row)
-        valid &= geometry_mask([scene.area], valid.shape, to_file, invert=True)
-    return valid
-
-
-@contextmanager
-def open_dataset(name: str) -> Iterator[rasterio.DatasetReader]:
-    """Open a raster by path or URL; raise SourceError in one line if that fails."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            dataset = rasterio.open(name)
-    except (RasterioError, ValueError, TypeError) as error:
-        path = Path(name)
-        # Not a URL, nor a name for a driver, such as GPKG:file.gpkg:table.
-        looks_local = not re.match(r"/vsi|[A-Za-z0-9_+.-]{2,}:", name)
-        if looks_local and not path.exists():
-            reason = "no such file; check the path"
-        elif looks_local and path.is_dir():
-            reason = "is a folder; name the raster files in it"
-        else:
-            reason = f"is not a raster that GDAL can open ({one_line(error)})"
-        raise SourceError(f"{name}: {reason}") from error
-    with dataset:
-        yield dataset

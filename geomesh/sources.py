@@ -20,7 +20,8 @@ from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.extent import restrict
 from geomesh.georeference import NO_CRS, georeference
 from geomesh.grid import IDENTITY, Grid
-from geomesh.raster import Scene, open_dataset
+from geomesh.handles import open_raster
+from geomesh.raster import Excerpt, Scene
 
 _DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)
 
@@ -75,7 +76,7 @@ def open_scene(
         scene = _dataset_scene(name or source.name, source, source, bidx, given)
     elif isinstance(source, str | PathLike):
         path = fspath(source)
-        with open_dataset(path) as dataset:
+        with open_raster(path) as dataset:
             scene = _dataset_scene(name or path, path, dataset, bidx, given)
     else:
         raise SourceError(
@@ -118,7 +119,9 @@ def _array_scene(source: ArraySource, bidx: Sequence[int] | None, given: CRS | N
         )
     grid = Grid(width, height, transform or IDENTITY, placed)
     notes = () if grid.crs else (NO_CRS.format("the array"),)
-    return Scene("array", grid, grid.extent, bands, array.dtype, (array,), notes=notes)
+    held = Excerpt(array, grid.extent)
+    size = (width, height)
+    return Scene("array", grid, grid.extent, bands, array.dtype, held, size, notes=notes)
 
 
 def _dataset_scene(
@@ -135,4 +138,5 @@ def _dataset_scene(
         )
     bands, dtype = dataset_bands(name, dataset, bidx)
     grid, notes = georeference(name, dataset, given)
-    return Scene(name, grid, grid.extent, bands, dtype, source, notes=notes)
+    size = (dataset.width, dataset.height)
+    return Scene(name, grid, grid.extent, bands, dtype, source, size, notes=notes)

@@ -7,15 +7,17 @@ where the tiles lie.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
 from geomesh.grid import Window
+from geomesh.workers import Crew
 
 CORE = 1024
 HALO = 64
 
+Task = TypeVar("Task")
 Result = TypeVar("Result")
 Progress = Callable[[float, str], None]
 
@@ -48,14 +50,20 @@ def part_of(progress: Progress, start: float, stop: float) -> Progress:
 
 
 def map_tiles(
-    function: Callable[[Tile], Result],
-    tiles: Sequence[Tile],
+    function: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    total: int,
+    crew: Crew,
     *,
     progress: Progress,
     message: str,
 ) -> Iterator[Result]:
-    """Yield ``function(tile)`` for each tile, in the order of the plan, reporting as it goes."""
-    for done, tile in enumerate(tiles):
-        progress(done / len(tiles), message)
-        yield function(tile)
-    progress(1.0, message)
+    """Yield ``function(task)`` for each of `total` tasks, in their order, reporting as it goes.
+
+    There is a task for each tile; its place in the plan, not the worker that did it or when,
+    decides where its result comes.
+    """
+    progress(0.0, f"{message}: {total} tiles")
+    for done, result in enumerate(crew.map(function, tasks), start=1):
+        yield result
+        progress(done / total, f"{message}: tile {done} of {total}")

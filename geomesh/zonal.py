@@ -7,8 +7,9 @@ last bit whichever process measured which tile.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,9 @@ from numpy.typing import NDArray
 
 from geomesh.grid import Points, Window
 from geomesh.table import read_only
+from geomesh.tiles import Tile
 from geomesh.topology import Triangles
-from geomesh.zonal_kernels import add, blend, near_box, scan_triangles
+from geomesh.zonal_kernels import add, bin_triangles, blend, near_box, scan_triangles
 
 Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -55,6 +57,58 @@ class TilePartial:
     centroid_values: Floats
     node_index: Ids
     node_values: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """The part of a mesh that meets the core of a tile.
+
+    Parameters
+    ----------
+    nodes : float64 (n, 2)
+    triangles : int32 (K, 3)
+        Indices into `nodes`.
+    node_ids : int32 (n,)
+    triangle_ids : int32 (K,)
+        What they are called in the mesh.
+    """
+
+    nodes: Points
+    triangles: Triangles
+    node_ids: Ids
+    triangle_ids: Ids
+
+    def measure(
+        self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window, core: Window
+    ) -> TilePartial:
+        """Return what the tile adds to the statistics of the mesh: see `measure_tile`."""
+        part = measure_tile(self.nodes, self.triangles, bands, valid, window, core)
+        return replace(
+            part,
+            index=self.triangle_ids[part.index],
+            centroid_index=self.triangle_ids[part.centroid_index],
+            node_index=self.node_ids[part.node_index],
+        )
+
+
+def share_out(nodes: Points, triangles: Triangles, tiles: Sequence[Tile]) -> Iterator[Share]:
+    """Yield the share of each tile, in their order, made one at a time.
+
+    Parameters
+    ----------
+    nodes : float64 (N, 2)
+        Pixel-edge coordinates.
+    triangles : int32 (T, 3)
+    tiles : sequence of Tile
+        A whole plan: row by row, as `geomesh.tiles.plan_tiles` has it.
+    """
+    cols = np.unique([tile.core.col for tile in tiles]).astype(np.float64)
+    rows = np.unique([tile.core.row for tile in tiles]).astype(np.float64)
+    starts, met = bin_triangles(nodes, triangles, cols, rows)
+    for start, stop in pairwise(starts):
+        ids = met[start:stop]
+        node_ids, local = np.unique(triangles[ids], return_inverse=True)
+        yield Share(nodes[node_ids], local.reshape(-1, 3).astype(np.int32), node_ids, ids)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,41 @@ def near_box(nodes: Points, triangles: Triangles, box: tuple[int, int, int, int]
 
 
 @kernel
+def bin_triangles(
+    nodes: Points, triangles: Triangles, cols: Floats, rows: Floats
+) -> tuple[NDArray[np.int64], Ids]:
+    """Return which triangles' bounding boxes meet each tile, in compressed sparse rows.
+
+    Tiles begin at `cols` and `rows`, the last ones end nowhere. A border is met from
+    both sides, so that what `near_box` finds is always among them.
+    """
+    count = len(cols) * len(rows)
+    starts = np.zeros(count + 1, np.int64)
+    met = np.empty(0, np.int32)
+    for fill in (False, True):
+        if fill:
+            for k in range(count):
+                starts[k + 1] += starts[k]
+            met = np.empty(starts[count], np.int32)
+            stops = starts[:-1].copy()
+        for t in range(len(triangles)):
+            a, b, c = nodes[triangles[t, 0]], nodes[triangles[t, 1]], nodes[triangles[t, 2]]
+            left = max(np.searchsorted(cols, min(a[0], b[0], c[0]), side="left") - 1, 0)
+            right = max(np.searchsorted(cols, max(a[0], b[0], c[0]), side="right"), 1)
+            top = max(np.searchsorted(rows, min(a[1], b[1], c[1]), side="left") - 1, 0)
+            bottom = max(np.searchsorted(rows, max(a[1], b[1], c[1]), side="right"), 1)
+            for row in range(top, bottom):
+                for col in range(left, right):
+                    k = row * len(cols) + col
+                    if fill:
+                        met[stops[k]] = t
+                        stops[k] += 1
+                    else:
+                        starts[k + 1] += 1
+    return starts, met
+
+
+@kernel
 def scan_triangles(
     nodes: Points,
     triangles: Triangles,

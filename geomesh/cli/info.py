@@ -67,13 +67,15 @@ def _describe_mesh(path: str) -> dict[str, Any]:
 
 
 def _describe_raster(path: str) -> dict[str, Any]:
+    from geomesh.overview import read_overview
     from geomesh.sources import open_scene
     from geomesh.tiles import plan_tiles
+    from geomesh.workers import open_crew
 
     scene = open_scene(path)
     grid = scene.grid
-    with scene.open() as reader:
-        _, valid = scene.overview(reader)
+    with open_crew() as crew, scene.open():
+        _, valid = read_overview(scene, crew, lambda _fraction, _message: None)
     return {
         "raster": str(path),
         "size": [grid.width, grid.height],

@@ -7,7 +7,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,18 @@ class Job:
     metavar="STAT,...",
     help="What to measure in each triangle and band: mean, std, min, max. Default: all.",
 )
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Tiles to work on at a time. Default: one a core. The mesh is the same for any N.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Work on a Dask cluster instead, such as tcp://host:8786; its workers open SRC by "
+    "its path or URL.",
+)
 @output_options
 @click.pass_obj
 def mesh(
@@ -56,6 +68,8 @@ def mesh(
     output: str,
     layers: tuple[Any, ...] | None,
     driver: str | None,
+    workers: int | None,
+    scheduler: str | None,
     overwrite: bool,
     progress: str | None,
     as_json: bool,
@@ -70,7 +84,10 @@ def mesh(
       geomesh mesh scene.tif -o web.geojson --nodes 2000
       geomesh mesh scene.tif -o mesh.gpkg --bidx 5,4,3 --mask aoi.gpkg
       geomesh mesh scenes/*.tif -o meshes/ --preset paper
+      geomesh mesh https://host/cog.tif -o mesh.gpkg --bounds 734145 -2827755 749505 -2812395
     """
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--workers and --scheduler exclude each other: choose one")
     console = open_console(progress, quiet=as_json)
     jobs: list[Job] = []
     folder, made_folder = None, False
@@ -84,43 +101,46 @@ def mesh(
         )
         made_folder = folder is not None and _make_folder(folder)
         jobs = planned
-    for job in jobs:
-        console.start("mesh", job.source)
-        about = f"{job.source}: " if len(jobs) > 1 else ""
-        with guarded(console, debug, about) as problems, console.progress() as report:
-            from geomesh.io.vector import check_output, write_mesh
-            from geomesh.pipeline import mesh_raster
-            from geomesh.tiles import part_of
+    with ExitStack() as stack:
+        with guarded(console, debug) as problems:
+            if jobs:
+                from geomesh.cluster import open_cluster
+                from geomesh.job import mesh_file
+                from geomesh.workers import open_crew
 
-            check_output(job.output, overwrite=overwrite, driver=driver)
-            made = mesh_raster(
-                job.source,
-                recipe=recipe,
-                progress=part_of(report, 0, 0.9),
-                **reading,
-            )
-            write_mesh(
-                made,
-                job.output,
-                layers=layers,
-                driver=driver,
-                overwrite=overwrite,
-                progress=part_of(report, 0.9, 1),
-            )
+                working = open_crew(workers) if scheduler is None else open_cluster(scheduler)
+                crew = stack.enter_context(working)
         if problems:
-            failures += problems
-            outcomes.append({"source": job.source, "error": problems[0]})
-            continue
-        figures = {"nodes": len(made.nodes), "triangles": len(made.triangles)}
-        told = list(made.metadata["warnings"])
-        outcome = {"source": job.source, "output": str(job.output), **figures, "warnings": told}
-        outcomes.append(outcome)
-        console.result(
-            [str(job.output)],
-            figures,
-            f"{job.output}: {figures['nodes']:,} nodes, {figures['triangles']:,} triangles, "
-            "certified",
-        )
+            failures, jobs = failures + problems, []
+        for job in jobs:
+            console.start("mesh", job.source)
+            about = f"{job.source}: " if len(jobs) > 1 else ""
+            with guarded(console, debug, about) as problems, console.progress() as report:
+                made = mesh_file(
+                    job.source,
+                    job.output,
+                    recipe=recipe,
+                    crew=crew,
+                    progress=report,
+                    layers=layers,
+                    driver=driver,
+                    overwrite=overwrite,
+                    **reading,
+                )
+            if problems:
+                failures += problems
+                outcomes.append({"source": job.source, "error": problems[0]})
+                continue
+            figures = {"nodes": len(made.nodes), "triangles": len(made.triangles)}
+            told = list(made.metadata["warnings"])
+            outcome = {"source": job.source, "output": str(job.output), **figures, "warnings": told}
+            outcomes.append(outcome)
+            console.result(
+                [str(job.output)],
+                figures,
+                f"{job.output}: {figures['nodes']:,} nodes, {figures['triangles']:,} triangles, "
+                "certified",
+            )
     if made_folder and folder is not None:
         with suppress(OSError):  # it holds a mesh
             folder.rmdir()

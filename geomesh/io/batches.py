@@ -7,7 +7,9 @@ All geometries of a layer have the same number of vertices, so their WKB (OGC
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +19,6 @@ from numpy.typing import NDArray
 from geomesh.grid import Points
 from geomesh.mesh import LayerName, Mesh
 from geomesh.table import Table
-from geomesh.tiles import Progress
 
 BATCH_ROWS = 65_536
 
@@ -105,39 +106,37 @@ class Layer:
 
 
 class Feed:
-    """Hands out the batches of several layers, and tells how far it is.
+    """Hands out the batches of a layer, keeps count, and can be stopped from another thread.
 
     An exception in a generator that a C library draws from comes out as that
     library's own error, with a text at best; `failure` keeps the original.
+
+    Parameters
+    ----------
+    news : SimpleQueue
+        Gets an entry after each batch.
     """
 
-    def __init__(self, total: int, progress: Progress | None) -> None:
+    def __init__(self, news: SimpleQueue[None]) -> None:
+        self.rows = 0
+        self._news = news
         self.failure: BaseException | None = None
-        self._total = total
-        self._done = 0
-        self._progress = progress
+        self._stopped = False
 
-    def tell(self, message: str) -> None:
-        """Report the fraction of rows handed out so far."""
-        if self._progress is not None:
-            try:
-                self._progress(self._done / self._total, message)
-            except BaseException as error:
-                self.failure = error
-                raise
-
-    def count(self, rows: int) -> None:
-        """Take note of rows that were handed out otherwise than as batches."""
-        self._done += rows
+    def stop(self) -> None:
+        """Let the next batch be an error."""
+        self._stopped = True
 
     def batches(self, layer: Layer, geometry: str, *, bbox: str | None = None) -> Iterator[Any]:
         """Yield the record batches of a layer, made one at a time."""
         try:
             for start in range(0, len(layer), BATCH_ROWS):
-                self.tell(f"Writing {layer.name}")
+                if self._stopped:
+                    raise CancelledError
                 batch = layer.batch(slice(start, start + BATCH_ROWS), geometry, bbox=bbox)
-                self.count(batch.num_rows)
+                self.rows += batch.num_rows
                 yield batch
+                self._news.put(None)
         except GeneratorExit:
             raise
         except BaseException as error:

@@ -49,12 +49,11 @@ def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, docume
         at most 4096 colours. Other texts are left out: NetCDF has no place for them.
     path : Path
     feed : Feed
-        Is told of the progress.
+        Is told of the rows.
     crs : pyproj.CRS, optional
     document : str
         The metadata document, stored as a global attribute.
     """
-    feed.tell("Writing the mesh layer")
     corners = layer.vertices[:, :3]
     # 64-bit offsets: the file may be larger than 2 GB.
     with netcdf_file(path, "w", version=2) as dataset:
@@ -86,7 +85,7 @@ def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, docume
             data = _packed(values) if name == _COLOR else values.astype(np.float64)
             unit = {"units": units[name]} if name in units else {}
             _add(dataset, name, ("mesh_face",), data, on_faces | unit)
-    feed.count(len(layer))
+    feed.rows += len(layer)
 
 
 def _add(

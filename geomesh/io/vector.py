@@ -1,37 +1,35 @@
-"""Writing a mesh as GeoPackage, GeoJSON, FlatGeobuf, GeoParquet or UGRID.
-
-GDAL (through pyogrio) writes the first three from Arrow batches, pyarrow the
-fourth, scipy the last. Every file carries the metadata document of `geomesh.io.document`.
-"""
+"""Writing a mesh to a file, which is there whole and certified or not at all."""
 
 from __future__ import annotations
 
-import json
 import sqlite3
-import warnings
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import Executor, Future, wait
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
+from queue import Empty, SimpleQueue
 
 import pyarrow as pa
-import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from geomesh._version import __version__
 from geomesh.errors import OutputError
 from geomesh.io.atomic import check_place, staged
-from geomesh.io.batches import Feed, Layer
-from geomesh.io.document import KEY, describe
-from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format, find_format
-from geomesh.io.geojson import LonLatLayer
-from geomesh.io.geoparquet import write_geoparquet
-from geomesh.io.meshfile import write_ugrid
+from geomesh.io.batches import Feed
+from geomesh.io.document import describe
+from geomesh.io.formats import GPKG, Format, find_format
+from geomesh.io.geopackage import PENDING, can_join, join_layers, put_document
+from geomesh.io.layers import write_layer
 from geomesh.io.verify import count_rows
 from geomesh.mesh import LAYERS, LayerName, Mesh
 from geomesh.tiles import Progress
+from geomesh.workers import open_crew
 
 _WRITE_FAILURES = (OSError, DataSourceError, DataLayerError, pa.ArrowException, sqlite3.Error)
+
+# Seconds between looks for Ctrl-C, and those granted to threads that were told to stop.
+_LOOK = 0.5
+_GRACE = 1.0
 
 
 def check_output(
@@ -80,7 +78,7 @@ def write_mesh(
     overwrite : bool
         Replace an existing file, at the very end.
     progress : callable(fraction, message), optional
-        Called before each batch of rows; an exception in it stops the writing.
+        Called after each batch of rows; an exception in it stops the writing.
 
     Returns
     -------
@@ -96,32 +94,169 @@ def write_mesh(
     GeoreferenceError
         If GeoJSON is asked for and the nodes have no longitude and latitude.
     """
+    with (
+        open_crew() as crew,
+        open_writer(path, crew.local, layers=layers, driver=driver, overwrite=overwrite) as writer,
+    ):
+        writer.finish(mesh, progress or (lambda _fraction, _message: None))
+    return Path(path)
+
+
+@contextmanager
+def open_writer(
+    path: str | PathLike[str],
+    threads: Executor,
+    *,
+    layers: Iterable[LayerName] | None = None,
+    driver: str | None = None,
+    overwrite: bool = False,
+) -> Iterator[MeshWriter]:
+    """Yield a writer of one mesh; its file is put in place when the block ends well.
+
+    Parameters
+    ----------
+    path, layers, driver, overwrite
+        As in `write_mesh`, which tells the errors, too.
+    threads : Executor
+        Threads of this process, for the layers.
+    """
     target = Path(path)
     check_output(target, overwrite=overwrite, driver=driver)
     file_format = find_format(target, driver)
     names = _choose_layers(layers, file_format)
-    certificate = mesh.certify()
-    certificate.require()
-    document = describe(mesh, certificate)
-    kind = LonLatLayer if file_format is GEOJSON else Layer
-    chosen = [kind.of(mesh, name) for name in names]
-    for layer in chosen:
-        _check_columns(layer, file_format)
-    feed = Feed(sum(len(layer) for layer in chosen), progress)
-    with (
-        _failures_told(target, feed),
-        staged(target, file_format.extensions[0], overwrite=overwrite) as temporary,
-    ):
-        for layer in chosen:
-            if file_format is PARQUET:
-                write_geoparquet(layer, temporary, feed, crs=mesh.grid.crs, document=document)
-            elif file_format is UGRID:
-                write_ugrid(layer, temporary, feed, crs=mesh.grid.crs, document=document)
-            else:
-                _write_gdal(mesh, layer, temporary, feed, document, file_format)
-        _verify(temporary, chosen, file_format)
-        feed.tell("Written")
-    return target
+    with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
+        writer = MeshWriter(target, temporary, names, file_format, threads)
+        try:
+            yield writer
+        finally:
+            writer.stop()
+
+
+class MeshWriter:
+    """Writes the layers of a mesh, each on a thread, beside the work on the mesh itself.
+
+    Parameters
+    ----------
+    target : Path
+        What messages call the file.
+    path : Path
+        Where to write it.
+    names : list of {"triangles", "edges", "nodes"}
+    file_format : Format
+    threads : Executor
+    """
+
+    def __init__(
+        self,
+        target: Path,
+        path: Path,
+        names: list[LayerName],
+        file_format: Format,
+        threads: Executor,
+    ) -> None:
+        self._target = target
+        self._path = path
+        self._names = names
+        self._format = file_format
+        self._threads = threads
+        self._apart = file_format is GPKG and len(names) > 1 and can_join()
+        self._feeds: dict[LayerName, Feed] = {}
+        self._written: dict[LayerName, Future[int]] = {}
+        self._news: SimpleQueue[None] = SimpleQueue()
+
+    def begin(self, mesh: Mesh) -> None:
+        """Start on the edges, which need no statistics, where they get a file of their own.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            Final but for its tables and metadata.
+        """
+        if self._apart and "edges" in self._names:
+            self._start(mesh, "edges", PENDING)
+
+    def finish(self, mesh: Mesh, progress: Progress) -> None:
+        """Write the mesh if it passes its certificate; raise as `write_mesh` does."""
+        progress(0.0, "Writing")
+        certifying = self._threads.submit(mesh.certify)
+        with self._failures_told():
+            if self._apart:
+                for name in self._names:
+                    self._start(mesh, name, PENDING)
+            certificate = certifying.result()
+            certificate.require()
+            document = describe(mesh, certificate)
+            if not self._apart:
+                for name in self._names:
+                    wait(self._written.values())  # a file has one writer
+                    self._start(mesh, name, document)
+            self._await(len(mesh.nodes), len(mesh.triangles), progress)
+            if self._apart:
+                join_layers(self._path, [(name, self._file(name)) for name in self._names[1:]])
+                put_document(self._path, document)
+            self._verify()
+        progress(1.0, "Written")
+
+    def stop(self) -> None:
+        """Make an end of what is still being written; nobody needs it."""
+        for feed in self._feeds.values():
+            feed.stop()
+        wait(self._written.values(), timeout=_GRACE)
+
+    def _start(self, mesh: Mesh, name: LayerName, document: str) -> None:
+        if name not in self._feeds:
+            feed = self._feeds[name] = Feed(self._news)
+            task = (mesh, name, self._file(name), feed, document, self._format)
+            self._written[name] = self._threads.submit(write_layer, *task)
+            self._written[name].add_done_callback(lambda _: self._news.put(None))
+
+    def _file(self, name: LayerName) -> Path:
+        if not self._apart or name == self._names[0]:
+            return self._path
+        return self._path.with_name(f"{name}{self._path.suffix}")
+
+    def _await(self, nodes: int, triangles: int, progress: Progress) -> None:
+        """Wait for all layers, and report each batch."""
+        # About: by how many the edges are fewer than these two depends on the holes.
+        sizes = {"nodes": nodes, "triangles": triangles, "edges": nodes + triangles}
+        total = sum(sizes[name] for name in self._names)
+        while True:
+            running = []
+            for name, future in self._written.items():
+                if future.done():
+                    future.result()
+                else:
+                    running.append(name)
+            rows = sum(feed.rows for feed in self._feeds.values())
+            progress(min(rows / total, 1.0), f"Writing {', '.join(running)}".rstrip())
+            if not running:
+                return
+            with suppress(Empty):
+                self._news.get(timeout=_LOOK)
+
+    def _verify(self) -> None:
+        counted = count_rows(self._path, self._names, self._format.driver)
+        for name, found in zip(self._names, counted, strict=True):
+            rows = self._written[name].result()
+            if found != rows:
+                raise OSError(f"only {found} of {rows} {name} arrived in the file")
+
+    @contextmanager
+    def _failures_told(self) -> Iterator[None]:
+        """Tell what a library says of a failed write in one line, and pass on all else."""
+        try:
+            yield
+        except Exception as error:
+            for feed in self._feeds.values():
+                if feed.failure is not None:
+                    raise feed.failure from None
+            if not isinstance(error, _WRITE_FAILURES):
+                raise
+            reason = " ".join(str(error).split())
+            raise OutputError(
+                f"{self._target} could not be written: {reason}; free some space or choose "
+                "another folder"
+            ) from error
 
 
 def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
@@ -145,83 +280,3 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
             "choose one of them, or write .gpkg"
         )
     return chosen
-
-
-def _check_columns(layer: Layer, file_format: Format) -> None:
-    """Refuse names that the format takes for itself or cannot tell apart."""
-    taken = {file_format.geometry, *file_format.reserved}
-    for name in layer.columns:
-        # SQLite's column names know no case.
-        key = name.lower() if file_format is GPKG else name
-        if key in taken:
-            raise OutputError(
-                f"{file_format.driver} cannot hold a column {name!r} in {layer.name}: "
-                "rename the band or the attribute"
-            )
-        taken.add(key)
-
-
-@contextmanager
-def _failures_told(target: Path, feed: Feed) -> Iterator[None]:
-    """Tell what a library says of a failed write in one line, and pass on all else."""
-    try:
-        yield
-    except Exception as error:
-        if feed.failure is not None:
-            raise feed.failure from None
-        if not isinstance(error, _WRITE_FAILURES):
-            raise
-        reason = " ".join(str(error).split())
-        raise OutputError(
-            f"{target} could not be written: {reason}; free some space or choose another folder"
-        ) from error
-
-
-def _write_gdal(
-    mesh: Mesh, layer: Layer, path: Path, feed: Feed, document: str, file_format: Format
-) -> None:
-    crs = None if file_format is GEOJSON else mesh.grid.crs
-    geometry = file_format.geometry
-    reader = pa.RecordBatchReader.from_batches(
-        layer.schema(geometry), feed.batches(layer, geometry)
-    )
-    with warnings.catch_warnings():
-        # No CRS is meant: GeoJSON's is understood, and a mesh without one stays so.
-        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
-        pyogrio.write_arrow(
-            reader,
-            path,
-            layer=layer.name,
-            driver=file_format.driver,
-            geometry_name=geometry,
-            geometry_type=layer.geometry_type,
-            crs=crs.to_wkt() if crs else None,
-            layer_metadata={KEY: document},
-            dataset_options=dict(file_format.dataset_options),
-            layer_options=_layer_options(mesh, layer, document, file_format),
-        )
-
-
-def _layer_options(mesh: Mesh, layer: Layer, document: str, file_format: Format) -> dict[str, str]:
-    description = (
-        f"{layer.name.capitalize()} of a mesh of {len(mesh.nodes)} nodes and "
-        f"{len(mesh.triangles)} triangles, written by geomesh {__version__}"
-    )
-    options = {**file_format.layer_options, "DESCRIPTION": description}
-    if file_format is GEOJSON:
-        collection = {"type": "FeatureCollection", KEY: json.loads(document)}
-        options |= {
-            # Coordinates come rounded: COORDINATE_PRECISION would turn 44.9999997 into 45.
-            "SIGNIFICANT_FIGURES": "17",
-            # Members of the collection beside its features (RFC 7946, section 6.1).
-            "NATIVE_DATA": json.dumps(collection),
-            "NATIVE_MEDIA_TYPE": "application/vnd.geo+json",
-        }
-    return options
-
-
-def _verify(path: Path, layers: list[Layer], file_format: Format) -> None:
-    for layer in layers:
-        found = count_rows(path, layer.name, file_format.driver)
-        if found != len(layer):
-            raise OSError(f"only {found} of {len(layer)} {layer.name} arrived in the file")

@@ -1,0 +1,162 @@
+"""GDAL's shared state in one place: open datasets, the cache of blocks, settings to carry along."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import rasterio
+from rasterio.env import get_gdal_config, getenv, hasenv, set_gdal_config
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+from geomesh.errors import SourceError, one_line
+
+# GDAL's cache of decoded blocks is to hold what the next row of tiles reads again, not
+# the share of the machine's memory that it would take by default.
+_CACHE = "GDAL_CACHEMAX"
+_CACHE_BYTES = 192_000_000
+
+# One handle on a local file feeds so many cores: see Handles.lend.
+_CORES_A_HANDLE = 8
+
+# A process that reads one scene after another keeps the handles of the last few.
+_MOST_READINGS = 4
+
+_lock = threading.Lock()
+
+
+def settings() -> dict[str, Any]:
+    """Return the settings of the rasterio.Env around the call, which other threads do not see."""
+    given = dict(getenv()) if hasenv() else {}
+    return given if _CACHE in given or _CACHE in os.environ else {**given, _CACHE: _CACHE_BYTES}
+
+
+@contextmanager
+def settings_kept() -> Iterator[None]:
+    """Restore what `settings` changes for the whole process."""
+    before = get_gdal_config(_CACHE)
+    try:
+        yield
+    finally:
+        set_gdal_config(_CACHE, before)
+
+
+class Handles:
+    """The handles on one raster in this process.
+
+    Parameters
+    ----------
+    name : str
+        Path or URL.
+    size : (int, int)
+        Width and height that the raster is known to have.
+    """
+
+    def __init__(self, name: str, size: tuple[int, int]) -> None:
+        self._name = name
+        self._size = size
+        self._free: list[rasterio.DatasetReader] = []
+        self._closed = False
+        readers = max((os.cpu_count() or 1) // _CORES_A_HANDLE, 1)
+        self._turns = None if _is_remote(name) else threading.Semaphore(readers)
+
+    @contextmanager
+    def lend(self, *, overlapping: bool) -> Iterator[rasterio.DatasetReader]:
+        """Yield a handle that no other thread uses meanwhile.
+
+        A handle keeps the blocks that it decoded. So windows that overlap those of other
+        threads are read through one handle, in turns: decoding is quick, and with a handle
+        each, every thread would decode what its neighbours decode. A remote file is waited
+        for, not decoded: there each thread has its own.
+        """
+        with self._turns if self._turns is not None and overlapping else nullcontext():
+            handle = self._take() or self._open()
+            try:
+                yield handle
+            finally:
+                with _lock:
+                    self._free.append(handle)
+                if self._closed:
+                    self.close()
+
+    def close(self) -> None:
+        """Close the handles; one that is in use, as soon as it is given back."""
+        self._closed = True
+        while (handle := self._take()) is not None:
+            handle.close()
+
+    def _take(self) -> rasterio.DatasetReader | None:
+        with _lock:
+            return self._free.pop() if self._free else None
+
+    def _open(self) -> rasterio.DatasetReader:
+        handle = open_raster(self._name)
+        if (handle.width, handle.height) != self._size:
+            found = f"{handle.width} x {handle.height}"
+            handle.close()
+            raise SourceError(
+                f"{self._name} changed while it was read: it had {self._size[0]} x {self._size[1]} "
+                f"pixels and has {found}; start again when it is complete"
+            )
+        return handle
+
+
+_readings: dict[str, Handles] = {}
+
+
+def handles(reading: str, name: str, size: tuple[int, int]) -> Handles:
+    """Return this process's handles for one reading of a raster.
+
+    Parameters
+    ----------
+    reading : str
+        Tells one reading from the next, before which the file may be replaced.
+    name, size
+        As in `Handles`.
+    """
+    with _lock:
+        found = _readings.get(reading)
+        if found is None:
+            found = _readings[reading] = Handles(name, size)
+        oldest = next(iter(_readings)) if len(_readings) > _MOST_READINGS else None
+    if oldest is not None:
+        close_handles(oldest)
+    return found
+
+
+def close_handles(reading: str) -> None:
+    """Close this process's handles for one reading, if it has any."""
+    with _lock:
+        found = _readings.pop(reading, None)
+    if found is not None:
+        found.close()
+
+
+def open_raster(name: str) -> rasterio.DatasetReader:
+    """Open a raster by path or URL; raise SourceError in one line if that fails."""
+    try:
+        with _lock, warnings.catch_warnings():  # filters belong to the process
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            return rasterio.open(name)
+    except (RasterioError, ValueError, TypeError) as error:
+        path = Path(name)
+        if _is_remote(name):
+            reason = f"is not a raster that GDAL can open ({one_line(error)})"
+        elif not path.exists():
+            reason = "no such file; check the path"
+        elif path.is_dir():
+            reason = "is a folder; name the raster files in it"
+        else:
+            reason = f"is not a raster that GDAL can open ({one_line(error)})"
+        raise SourceError(f"{name}: {reason}") from error
+
+
+def _is_remote(name: str) -> bool:
+    """Tell whether a name is no path: a URL, or one for a driver, such as GPKG:file.gpkg:table."""
+    return re.match(r"/vsi|[A-Za-z0-9_+.-]{2,}:", name) is not None

@@ -1,0 +1,110 @@
+"""One GeoPackage of several layers that were written to a file each, at the same time.
+
+SQLite has one writer a file. GDAL fills a layer of its own file fastest, and SQLite copies
+finished tables page by page in a tenth of that time.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+# Stands in a layer's metadata until the document is known.
+PENDING = "@document of the mesh@"
+
+_INDEX = "rtree_{}_geom"
+# The tables in which SQLite keeps an R-tree.
+_INDEX_TABLES = ("node", "rowid", "parent")
+# Where a GeoPackage lists its layers; the column that names the layer.
+_REGISTERS = {
+    "gpkg_contents": "table_name",
+    "gpkg_geometry_columns": "table_name",
+    "gpkg_extensions": "table_name",
+    "gpkg_ogr_contents": "table_name",
+}
+
+
+def can_join() -> bool:
+    """Tell whether Python's own SQLite knows R-trees, without which files cannot be joined."""
+    with closing(sqlite3.connect(":memory:")) as database:
+        try:
+            database.execute("CREATE VIRTUAL TABLE tried USING rtree(id, low, high)")
+        except sqlite3.OperationalError:
+            return False
+    return True
+
+
+def join_layers(path: Path, others: Sequence[tuple[str, Path]]) -> None:
+    """Copy a layer of each of the other files into the GeoPackage at `path`, with its index.
+
+    Parameters
+    ----------
+    path : Path
+        A GeoPackage written by GDAL, with layers in the same CRS.
+    others : sequence of (str, Path)
+        Layers and the files that hold just them.
+
+    Raises
+    ------
+    sqlite3.Error
+        If the disk is full.
+    """
+    # The file is in nobody's hands yet: no journal, and it is flushed as a whole later.
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = OFF")
+        database.execute("PRAGMA synchronous = OFF")
+        for layer, file in others:
+            database.execute("ATTACH ? AS other", (str(file),))
+            database.execute("BEGIN")
+            _copy_layer(database, layer)
+            database.execute("COMMIT")
+            database.execute("DETACH other")
+            file.unlink()
+
+
+def _copy_layer(database: sqlite3.Connection, layer: str) -> None:
+    def sql_of(condition: str, *values: str) -> list[str]:
+        query = f"SELECT sql FROM other.sqlite_master WHERE {condition}"
+        return [sql for (sql,) in database.execute(query, values)]
+
+    index = _INDEX.format(layer)
+    for sql in sql_of("name IN (?, ?)", layer, index):
+        database.execute(sql)
+    tables = [layer, *(f"{index}_{part}" for part in _INDEX_TABLES)]
+    for table in tables:
+        database.execute(f'DELETE FROM main."{table}"')  # an index is born with an empty node
+        database.execute(f'INSERT INTO main."{table}" SELECT * FROM other."{table}"')
+    # Registers come before triggers, some of which count the rows.
+    for register, column in _REGISTERS.items():
+        database.execute(
+            f"INSERT INTO main.{register} SELECT * FROM other.{register} WHERE {column} = ?",
+            (layer,),
+        )
+    for sql in sql_of("type = 'trigger' AND tbl_name = ?", layer):
+        database.execute(sql)
+    _copy_metadata(database, layer)
+
+
+def _copy_metadata(database: sqlite3.Connection, layer: str) -> None:
+    columns = "md_scope, md_standard_uri, mime_type, metadata"
+    made = database.execute(
+        f"INSERT INTO main.gpkg_metadata ({columns}) SELECT {columns} FROM other.gpkg_metadata"
+    )
+    database.execute(
+        "INSERT INTO main.gpkg_metadata_reference SELECT reference_scope, table_name, "
+        "column_name, row_id_value, timestamp, ?, md_parent_id "
+        "FROM other.gpkg_metadata_reference WHERE table_name = ?",
+        (made.lastrowid, layer),
+    )
+
+
+def put_document(path: Path, document: str) -> None:
+    """Put the document where `PENDING` stands in the metadata of the layers."""
+    text = escape(document, {'"': "&quot;"})  # it lies in an XML element
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)", (PENDING, text)
+        )

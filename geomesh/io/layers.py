@@ -1,0 +1,104 @@
+"""One layer of a mesh into one file, in any of the formats.
+
+GDAL (through pyogrio) writes GeoPackage, GeoJSON and FlatGeobuf from Arrow batches, pyarrow
+GeoParquet, scipy UGRID. Every file carries the metadata document of `geomesh.io.document`.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import pyarrow as pa
+import pyogrio
+
+from geomesh._version import __version__
+from geomesh.errors import OutputError
+from geomesh.io.batches import Feed, Layer
+from geomesh.io.document import KEY
+from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format
+from geomesh.io.geojson import LonLatLayer
+from geomesh.io.geoparquet import write_geoparquet
+from geomesh.io.meshfile import write_ugrid
+from geomesh.mesh import LayerName, Mesh
+
+
+def write_layer(
+    mesh: Mesh, name: LayerName, path: Path, feed: Feed, document: str, file_format: Format
+) -> int:
+    """Write one layer of a mesh to a new file; return its number of rows.
+
+    Raises
+    ------
+    OutputError
+        If the format cannot hold one of the columns.
+    GeoreferenceError
+        If GeoJSON is asked for and the nodes have no longitude and latitude.
+    """
+    layer = (LonLatLayer if file_format is GEOJSON else Layer).of(mesh, name)
+    _check_columns(layer, file_format)
+    if file_format is PARQUET:
+        write_geoparquet(layer, path, feed, crs=mesh.grid.crs, document=document)
+    elif file_format is UGRID:
+        write_ugrid(layer, path, feed, crs=mesh.grid.crs, document=document)
+    else:
+        _write_gdal(mesh, layer, path, feed, document, file_format)
+    return len(layer)
+
+
+def _check_columns(layer: Layer, file_format: Format) -> None:
+    """Refuse names that the format takes for itself or cannot tell apart."""
+    taken = {file_format.geometry, *file_format.reserved}
+    for name in layer.columns:
+        # SQLite's column names know no case.
+        key = name.lower() if file_format is GPKG else name
+        if key in taken:
+            raise OutputError(
+                f"{file_format.driver} cannot hold a column {name!r} in {layer.name}: "
+                "rename the band or the attribute"
+            )
+        taken.add(key)
+
+
+def _write_gdal(
+    mesh: Mesh, layer: Layer, path: Path, feed: Feed, document: str, file_format: Format
+) -> None:
+    crs = None if file_format is GEOJSON else mesh.grid.crs
+    geometry = file_format.geometry
+    reader = pa.RecordBatchReader.from_batches(
+        layer.schema(geometry), feed.batches(layer, geometry)
+    )
+    with warnings.catch_warnings():
+        # No CRS is meant: GeoJSON's is understood, and a mesh without one stays so.
+        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
+        pyogrio.write_arrow(
+            reader,
+            path,
+            layer=layer.name,
+            driver=file_format.driver,
+            geometry_name=geometry,
+            geometry_type=layer.geometry_type,
+            crs=crs.to_wkt() if crs else None,
+            layer_metadata={KEY: document},
+            dataset_options=dict(file_format.dataset_options),
+            layer_options=_layer_options(mesh, layer, document, file_format),
+        )
+
+
+def _layer_options(mesh: Mesh, layer: Layer, document: str, file_format: Format) -> dict[str, str]:
+    description = (
+        f"{layer.name.capitalize()} of a mesh of {len(mesh.nodes)} nodes and "
+        f"{len(mesh.triangles)} triangles, written by geomesh {__version__}"
+    )
+    options = {**file_format.layer_options, "DESCRIPTION": description}
+    if file_format is GEOJSON:
+        collection = {"type": "FeatureCollection", KEY: json.loads(document)}
+        options |= {
+            # Coordinates come rounded: COORDINATE_PRECISION would turn 44.9999997 into 45.
+            "SIGNIFICANT_FIGURES": "17",
+            # Members of the collection beside its features (RFC 7946, section 6.1).
+            "NATIVE_DATA": json.dumps(collection),
+            "NATIVE_MEDIA_TYPE": "application/vnd.geo+json",
+        }
+    return options

@@ -1,0 +1,59 @@
+"""A raster in, a mesh file out: what `geomesh mesh` does for each source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from os import PathLike
+from typing import Any
+
+from geomesh.io.vector import open_writer
+from geomesh.mesh import LayerName, Mesh
+from geomesh.pipeline import mesh_scene
+from geomesh.recipe import Recipe
+from geomesh.sources import Source, open_scene
+from geomesh.tiles import Progress, part_of
+from geomesh.workers import Crew
+
+
+def mesh_file(
+    source: Source,
+    path: str | PathLike[str],
+    *,
+    recipe: Recipe,
+    crew: Crew,
+    progress: Progress,
+    layers: Iterable[LayerName] | None = None,
+    driver: str | None = None,
+    overwrite: bool = False,
+    **reading: Any,
+) -> Mesh:
+    """Turn a raster into a mesh file, writing the edges while triangles are measured.
+
+    Parameters
+    ----------
+    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+    path : path-like
+    recipe : Recipe
+    crew : Crew
+        May work on one source after another.
+    progress : callable(fraction, message)
+        May raise to cancel.
+    layers, driver, overwrite
+        As in `geomesh.io.vector.write_mesh`.
+    **reading
+        As in `geomesh.sources.open_scene`.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    GeomeshError
+        With one line that says what is wrong and what to do; an old file stays as it was.
+    """
+    with open_writer(path, crew.local, layers=layers, driver=driver, overwrite=overwrite) as writer:
+        scene = open_scene(source, **reading)
+        mesh = mesh_scene(scene, recipe, crew, part_of(progress, 0, 0.8), shaped=writer.begin)
+        writer.finish(mesh, part_of(progress, 0.8, 1))
+    return mesh
