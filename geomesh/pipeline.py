@@ -184,7 +184,7 @@ def mesh_scene(
 def _warn(notes: Sequence[str]) -> None:
     # No catching of warnings: filters belong to the process, and other threads may be meshing.
     for note in notes:
-        warnings.warn(note, GeomeshWarning, stacklevel=3)
+        warnings.warn(note, GeomeshWarning, stacklevel=4)
 
 
 def _require_reach(scene: Scene, crew: Crew) -> None:

@@ -290,7 +290,7 @@ def stop_when(message: str, number: int, source: str, output: Path) -> Run:
     [
         ("Detecting", signal.SIGINT, 130),
         ("Measuring", signal.SIGTERM, 143),
-        ("Writing edges", signal.SIGTERM, 143),
+        ("Writing", signal.SIGTERM, 143),
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
@@ -339,7 +339,7 @@ def test_interrupt_at_any_moment_of_writing_comes_through(tmp_path: Path, scene:
 def test_killed_run_leaves_the_old_file(tmp_path: Path, scene: str) -> None:
     output = tmp_path / "mesh.gpkg"
     output.write_bytes(OLD)
-    run = stop_when("Writing edges", signal.SIGKILL, scene, output)
+    run = stop_when("Writing", signal.SIGKILL, scene, output)
     assert run.code == -signal.SIGKILL
     assert output.read_bytes() == OLD
     # What it left behind lies in a hidden folder, and does not disturb the next run.

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
 from geomesh import detect as stage
-from geomesh.detect import canny_thresholds, detect
+from geomesh.detect import canny_thresholds
 from geomesh.edges import Thresholds, canny, tile_edges, unite
 from geomesh.grayimage import ArrayGray
 from geomesh.grid import Window
@@ -18,10 +18,13 @@ from geomesh.keypoints import Keypoints, detect_sift, labels_around, spread_even
 from geomesh.preprocess import fill_invalid
 from geomesh.recipe import Recipe
 from geomesh.tiles import plan_tiles
+from geomesh.workers import open_crew
 
 
-def silent(_fraction, _message):
-    pass
+def detect(image, recipe):
+    """Detect with a crew of two."""
+    with open_crew(2) as crew:
+        return stage.detect(image, recipe, crew, lambda _fraction, _message: None)
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +41,13 @@ def in_one_tile(monkeypatch, image, recipe):
 
     with monkeypatch.context() as patch:
         patch.setattr(stage, "plan_tiles", one_tile)
-        return detect(image, recipe, silent)
+        return detect(image, recipe)
 
 
 def test_tiled_nodes_are_those_of_the_whole_image(monkeypatch, large):
-    image, recipe = ArrayGray(large, np.ones(large.shape, bool)), Recipe()
+    image, recipe = ArrayGray.whole(large, np.ones(large.shape, bool)), Recipe()
     assert len(plan_tiles(image.extent)) == 4
-    tiled = thin(detect(image, recipe, silent).keypoints, stage.SEAM)
+    tiled = thin(detect(image, recipe).keypoints, stage.SEAM)
     whole = thin(in_one_tile(monkeypatch, image, recipe).keypoints, stage.SEAM)
     assert len(whole) > 20_000
     assert len(tiled) == len(whole)
@@ -56,8 +59,8 @@ def test_tiled_nodes_are_those_of_the_whole_image(monkeypatch, large):
 
 
 def test_keypoints_lie_on_edges_of_the_whole_image(large):
-    image, recipe = ArrayGray(large, np.ones(large.shape, bool)), Recipe()
-    found = detect(image, recipe, silent)
+    image, recipe = ArrayGray.whole(large, np.ones(large.shape, bool)), Recipe()
+    found = detect(image, recipe)
     edges = cv2.Canny(
         cv2.Sobel(large, cv2.CV_16S, 1, 0, borderType=cv2.BORDER_REPLICATE),
         cv2.Sobel(large, cv2.CV_16S, 0, 1, borderType=cv2.BORDER_REPLICATE),
@@ -166,8 +169,8 @@ def test_no_keypoint_on_nodata_nor_caused_by_it(large):
     y, x = np.mgrid[:400, :400]
     valid[(x - 200) ** 2 + (y - 200) ** 2 < 80**2] = False
     recipe = Recipe()
-    full = detect(ArrayGray(gray, np.ones_like(valid)), recipe, silent).keypoints
-    holed = detect(ArrayGray(np.where(valid, gray, 0), valid), recipe, silent).keypoints
+    full = detect(ArrayGray.whole(gray, np.ones_like(valid)), recipe).keypoints
+    holed = detect(ArrayGray.whole(np.where(valid, gray, 0), valid), recipe).keypoints
     pixel = np.floor(holed.xy).astype(int)
     assert valid[pixel[:, 1], pixel[:, 0]].all()
     far = np.hypot(*(full.xy - 200).T) > 130
@@ -182,9 +185,11 @@ def test_automatic_thresholds_are_the_median_gradient_and_twice_that(large):
     dy = cv2.Sobel(gray, cv2.CV_64F, 0, 1, borderType=border)
     magnitude = np.hypot(dx, dy)
     median = np.median(magnitude[magnitude > 0])
-    found = canny_thresholds(ArrayGray(gray, np.ones(gray.shape, bool)), Recipe())
+    found = canny_thresholds(ArrayGray.whole(gray, np.ones(gray.shape, bool)), Recipe())
     assert (found.low, found.high) == pytest.approx((median, 2 * median))
-    given_one = canny_thresholds(ArrayGray(gray, np.ones(gray.shape, bool)), Recipe(canny_low=7.0))
+    given_one = canny_thresholds(
+        ArrayGray.whole(gray, np.ones(gray.shape, bool)), Recipe(canny_low=7.0)
+    )
     assert (given_one.low, given_one.high) == pytest.approx((7, 2 * median))
 
 
@@ -267,7 +272,10 @@ def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
             block = window.slices()
             return fill_invalid(gray[block], valid[block]), valid[block]
 
-    tiled = thin(detect(Scene(), recipe, silent).keypoints, stage.SEAM)
+        def excerpt(self, _window):
+            return self
+
+    tiled = thin(detect(Scene(), recipe).keypoints, stage.SEAM)
     whole = thin(in_one_tile(monkeypatch, Scene(), recipe).keypoints, stage.SEAM)
     assert cKDTree(whole.xy).query(tiled.xy)[0].max() < 0.01
     # On the axes of the mirrored image extrema are ties, which rounding decides.
@@ -282,17 +290,20 @@ def test_thresholds_are_found_where_data_are_sparse(large):
     """A patch of data that none of the sampled blocks meets."""
     gray, valid = np.zeros((3000, 3000), np.uint8), np.zeros((3000, 3000), bool)
     gray[:110, :110], valid[:110, :110] = large[:110, :110], True
-    found = canny_thresholds(ArrayGray(gray, valid), Recipe())
-    cropped = canny_thresholds(ArrayGray(gray[:110, :110], valid[:110, :110]), Recipe())
+    found = canny_thresholds(ArrayGray.whole(gray, valid), Recipe())
+    cropped = canny_thresholds(ArrayGray.whole(gray[:110, :110], valid[:110, :110]), Recipe())
     assert found.high == pytest.approx(cropped.high, rel=0.1)
 
 
 @pytest.mark.parametrize("distance", [1.5, 20])
 def test_little_is_remembered_of_the_edges_around_keypoints(large, distance):
     """What other tiles have a say in, not the whole disc around every keypoint."""
-    image, recipe = ArrayGray(large, np.ones(large.shape, bool)), Recipe(edge_distance=distance)
+    image, recipe = (
+        ArrayGray.whole(large, np.ones(large.shape, bool)),
+        Recipe(edge_distance=distance),
+    )
     tile = plan_tiles(image.extent)[0]
-    part = stage._detect_tile(tile, image, recipe, canny_thresholds(image, recipe))
+    part = stage._DetectFeatures(recipe, canny_thresholds(image, recipe))((image, tile))
     assert len(part.keypoints) > 5000
     assert len(part.open_label) < 0.1 * len(part.keypoints)
 

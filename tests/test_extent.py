@@ -17,8 +17,10 @@ from shapely import affinity
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
 from geomesh.grid import Window
+from geomesh.overview import read_overview
 from geomesh.raster import Scene
 from geomesh.sources import open_scene
+from geomesh.workers import open_crew
 
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 UTM = "EPSG:32618"
@@ -347,7 +349,7 @@ def test_bounds_and_mask_with_nothing_in_common_are_an_error(transform: Affine) 
     box = on_map(shapely.box(2, 2, 8, 8), transform)
     far = on_map(shapely.box(40.2, 40.2, 50.4, 48.3), transform)
     with pytest.raises(EmptyError) as caught:
-        read_overview(open_area(transform, bounds=box.bounds, mask=frame_of(far)))
+        look_at(open_area(transform, bounds=box.bounds, mask=frame_of(far)))
     assert "--mask" in str(caught.value)
 
 
@@ -363,13 +365,13 @@ def test_bounds_and_mask_whose_windows_overlap_only_are_an_error(name: str, recw
     corner = on_map(shapely.box(left, top, left + 1.6, top + 1.6), transform)
     assert not corner.intersects(box)
     with pytest.raises(EmptyError):
-        read_overview(open_area(transform, bounds=box.bounds, mask=frame_of(corner)))
+        look_at(open_area(transform, bounds=box.bounds, mask=frame_of(corner)))
     assert [str(warning.message) for warning in recwarn] == []
 
 
-def read_overview(scene: Scene) -> None:
-    with scene.open() as reader:
-        scene.overview(reader)
+def look_at(scene: Scene) -> None:
+    with open_crew(1) as crew, scene.open():
+        read_overview(scene, crew, lambda _fraction, _message: None)
 
 
 # Errors
@@ -384,7 +386,7 @@ def test_a_mask_beside_the_raster_is_an_error(transform: Affine) -> None:
 def test_a_mask_between_pixel_centres_is_an_error() -> None:
     scene = open_area(NORTH_UP, mask=frame_of(on_map(shapely.box(9.6, 9.6, 10.4, 10.4), NORTH_UP)))
     with pytest.raises(EmptyError, match="no valid pixel"):
-        read_overview(scene)
+        look_at(scene)
 
 
 @pytest.mark.parametrize("shapes", [[], [shapely.Point(1, 2)], [None]])

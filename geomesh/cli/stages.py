@@ -52,8 +52,6 @@ def stages(
         check_picture(output, overwrite=overwrite)
         scene = open_scene(source, **reading)
         found = run_stages(scene, recipe, report)
-        for note in found.mesh.metadata["warnings"]:
-            console.warn(note)
         save_picture(draw_stages(found, Path(source).name), output, overwrite=overwrite)
     outcome: dict[str, Any] = {"source": source, "error": "".join(failures[:1])}
     if not failures:

@@ -71,18 +71,36 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
         Extension of the file to write, with its dot.
     overwrite : bool
         Whether a file that has appeared at `target` meanwhile may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be put in place.
     """
     place = Path(os.path.realpath(target))
-    folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
+    with _failures_told(target):
+        folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
     try:
         finished = folder / f"output{suffix}"
         yield finished
-        _flush(finished)
-        if place.exists() and not overwrite:
-            raise OutputError(f"{target} was made by another program meanwhile; it was kept")
-        _replace(finished, place)
+        with _failures_told(target):
+            _flush(finished)
+            if place.exists() and not overwrite:
+                raise OutputError(f"{target} was made by another program meanwhile; it was kept")
+            _replace(finished, place)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _failures_told(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{target} could not be written: {_reason(error)}; free some space or choose another "
+            "folder"
+        ) from error
 
 
 def _prefix() -> str:

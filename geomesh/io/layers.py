@@ -7,7 +7,9 @@ GeoParquet, scipy UGRID. Every file carries the metadata document of `geomesh.io
 from __future__ import annotations
 
 import json
+import threading
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import pyarrow as pa
@@ -22,6 +24,8 @@ from geomesh.io.geojson import LonLatLayer
 from geomesh.io.geoparquet import write_geoparquet
 from geomesh.io.meshfile import write_ugrid
 from geomesh.mesh import LayerName, Mesh
+
+_thread = threading.local()
 
 
 def write_layer(
@@ -66,6 +70,7 @@ def _write_gdal(
 ) -> None:
     crs = None if file_format is GEOJSON else mesh.grid.crs
     geometry = file_format.geometry
+    _quiet_gdal()
     reader = pa.RecordBatchReader.from_batches(
         layer.schema(geometry), feed.batches(layer, geometry)
     )
@@ -102,3 +107,16 @@ def _layer_options(mesh: Mesh, layer: Layer, document: str, file_format: Format)
             "NATIVE_MEDIA_TYPE": "application/vnd.geo+json",
         }
     return options
+
+
+def _quiet_gdal() -> None:
+    """Keep GDAL from printing errors: pyogrio raises them, but hushes the main thread alone.
+
+    It has no public way to do so in another; without this one the lines appear as well.
+    """
+    if not getattr(_thread, "is_quiet", False):
+        with suppress(ImportError):
+            from pyogrio._err import _register_error_handler
+
+            _register_error_handler()
+        _thread.is_quiet = True

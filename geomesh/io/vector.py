@@ -179,18 +179,18 @@ class MeshWriter:
         """Write the mesh if it passes its certificate; raise as `write_mesh` does."""
         progress(0.0, "Writing")
         certifying = self._threads.submit(mesh.certify)
+        if self._apart:
+            for name in self._names:
+                self._start(mesh, name, PENDING)
+        certificate = certifying.result()
+        certificate.require()
+        document = describe(mesh, certificate)
+        if not self._apart:
+            for name in self._names:
+                wait(self._written.values())  # a file has one writer
+                self._start(mesh, name, document)
+        self._await(len(mesh.nodes), len(mesh.triangles), progress)
         with self._failures_told():
-            if self._apart:
-                for name in self._names:
-                    self._start(mesh, name, PENDING)
-            certificate = certifying.result()
-            certificate.require()
-            document = describe(mesh, certificate)
-            if not self._apart:
-                for name in self._names:
-                    wait(self._written.values())  # a file has one writer
-                    self._start(mesh, name, document)
-            self._await(len(mesh.nodes), len(mesh.triangles), progress)
             if self._apart:
                 join_layers(self._path, [(name, self._file(name)) for name in self._names[1:]])
                 put_document(self._path, document)
@@ -223,10 +223,11 @@ class MeshWriter:
         while True:
             running = []
             for name, future in self._written.items():
-                if future.done():
-                    future.result()
-                else:
+                if not future.done():
                     running.append(name)
+                    continue
+                with self._failures_told():
+                    future.result()
             rows = sum(feed.rows for feed in self._feeds.values())
             progress(min(rows / total, 1.0), f"Writing {', '.join(running)}".rstrip())
             if not running:
