@@ -5,8 +5,10 @@ Nothing heavy is imported before a command runs, so that `--help` answers at onc
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 import click
@@ -14,6 +16,7 @@ import click
 from geomesh._version import __version__
 from geomesh.cli.convert import convert
 from geomesh.cli.info import info
+from geomesh.cli.memory import keep_freed_memory
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.stages import stages
@@ -26,6 +29,7 @@ def main() -> NoReturn:
     """Run the command line and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
     # Being terminated must clean up as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    keep_freed_memory()
     try:
         cli(standalone_mode=False)
     except click.exceptions.Exit as stop:
@@ -34,8 +38,20 @@ def main() -> NoReturn:
         error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        sys.exit(_INTERRUPTED)
+        _leave(_INTERRUPTED)
+    except SystemExit as stop:
+        if stop.code == _TERMINATED:
+            _leave(_TERMINATED)
+        raise
     sys.exit(0)
+
+
+def _leave(code: int) -> NoReturn:
+    """Exit at once: all is cleaned up, and a thread may be in a library for seconds more."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
