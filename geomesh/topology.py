@@ -18,7 +18,7 @@ Triangles = NDArray[np.int32]
 
 
 class Edges(NamedTuple):
-    """The undirected edges of a triangulation.
+    """The undirected edges of a triangulation, in read-only arrays.
 
     Attributes
     ----------
@@ -51,7 +51,10 @@ def build_edges(triangles: Triangles) -> Edges:
     """
     if triangles.min(initial=0) < 0:
         raise ValueError(f"node {triangles.min()} in a triangle: ids begin with 0")
-    return Edges(*_unite(*_half_edges_in_order(triangles, int(triangles.max(initial=-1)) + 1)))
+    edges = Edges(*_unite(*_half_edges_in_order(triangles, int(triangles.max(initial=-1)) + 1)))
+    for array in edges:
+        array.flags.writeable = False
+    return edges
 
 
 @kernel
