@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from geomesh.certificate import Certificate, Check, DomainFacts
 from geomesh.grid import signed_areas
 from geomesh.jit import kernel
+from geomesh.table import blocks
 from geomesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
 
 # Bounds on the rounding error of the two predicates in float64, relative to the
@@ -22,9 +23,6 @@ _EPSILON = 2.0**-53
 _INCIRCLE_ERROR = (10 + 96 * _EPSILON) * _EPSILON
 _AREA_TOLERANCE = 1e-9
 _ANGLE_TOLERANCE = 1e-6
-
-# So many triangles at a time are looked at: what is computed of them stays in the cache.
-_BLOCK = 8192
 
 
 def certify(
@@ -268,10 +266,9 @@ def _angles(
 ) -> tuple[NDArray[np.float64], float]:
     """Sum of the angles around each node, and the least of all (NaN of none), in radians."""
     sums, least = np.zeros(len(points)), math.inf if len(triangles) else math.nan
-    for start in range(0, len(triangles), _BLOCK):
-        block = triangles[start : start + _BLOCK]
-        angles = np.arctan2(*_products(points, block))
-        np.add.at(sums, block.ravel(), angles.ravel())
+    for block in blocks(len(triangles)):
+        angles = np.arctan2(*_products(points, triangles[block]))
+        np.add.at(sums, triangles[block].ravel(), angles.ravel())
         least = np.minimum(least, angles.min())
     return sums, least
 

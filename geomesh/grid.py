@@ -12,13 +12,11 @@ from pyproj import CRS
 
 from geomesh.errors import GeoreferenceError
 from geomesh.jit import kernel
+from geomesh.table import blocks
 
 Points = NDArray[np.float64]
 
 IDENTITY = Affine.identity()
-
-# So many triangles at a time are measured, that temporary arrays stay in the cache.
-_BLOCK = 8192
 
 # So many float64 numbers must lie within a pixel, or triangles would have no area.
 _LEAST_STEPS = 1024
@@ -229,8 +227,7 @@ def _ellipsoidal_areas(
     longest = max(float(np.abs(side).max(initial=0)) for side in sides)
     pieces = max(math.ceil(longest / (math.pi / 2)), 1)
     areas = np.empty(len(triangles))
-    for start in range(0, len(triangles), _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for block in blocks(len(triangles)):
         areas[block] = _block_areas(points[triangles[block]], semi_major, semi_minor, pieces)
     return areas
 

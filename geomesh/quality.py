@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geomesh.grid import Points
-from geomesh.table import Table
+from geomesh.table import Table, blocks
 from geomesh.topology import Triangles
 
 Floats = NDArray[np.float64]
@@ -33,9 +33,6 @@ LABELLING = (
 _PERCENTILES = (5, 25, 75, 95)
 _SMALL_ANGLES = (10, 20)
 _ROOT_3 = math.sqrt(3.0)
-
-# So many triangles at a time are measured, that temporary arrays stay in the cache.
-_BLOCK = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +163,7 @@ def measure_each(
 ) -> dict[str, Floats]:
     """Return the measures `names` (read-only, (T,)) that a triangle has by itself."""
     columns = {name: np.empty(len(triangles)) for name in names}
-    for start in range(0, len(triangles), _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for block in blocks(len(triangles)):
         shapes = _shapes(points[triangles[block]])
         for name, column in columns.items():
             column[block] = _MEASURES[name](shapes)

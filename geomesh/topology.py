@@ -101,12 +101,13 @@ def _unite(
         if k == 0 or low[k] != low[k - 1] or high[k] != high[k - 1]:
             count += 1
     nodes, uses = np.empty((count, 2), np.int32), np.zeros(count, np.int32)
-    left, right = np.full(count, FILL, np.int32), np.full(count, FILL, np.int32)
+    left, right = np.empty(count, np.int32), np.empty(count, np.int32)
     edge = -1
     for k in range(len(low)):
         if k == 0 or low[k] != low[k - 1] or high[k] != high[k - 1]:
             edge += 1
             nodes[edge, 0], nodes[edge, 1] = low[k], high[k]
+            left[edge] = right[edge] = FILL
         uses[edge] += 1
         if owner[k] >= 0:
             left[edge] = owner[k]
@@ -130,7 +131,7 @@ def find_edges(edges: Edges, pairs: NDArray[np.integer]) -> NDArray[np.intp]:
 @kernel
 def _search(nodes: NDArray[np.int32], pairs: NDArray[np.int32]) -> NDArray[np.intp]:
     """Rows of `nodes`, each with the lower id first and all in order, that are the pairs."""
-    found = np.full(len(pairs), FILL, np.intp)
+    found = np.empty(len(pairs), np.intp)
     for k in range(len(pairs)):
         low, high = min(pairs[k, 0], pairs[k, 1]), max(pairs[k, 0], pairs[k, 1])
         first, stop = 0, len(nodes)
@@ -140,8 +141,8 @@ def _search(nodes: NDArray[np.int32], pairs: NDArray[np.int32]) -> NDArray[np.in
                 first = middle + 1
             else:
                 stop = middle
-        if first < len(nodes) and nodes[first, 0] == low and nodes[first, 1] == high:
-            found[k] = first
+        known = first < len(nodes) and nodes[first, 0] == low and nodes[first, 1] == high
+        found[k] = first if known else FILL
     return found
 
 
