@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from geomesh.certificate import Certificate, Check, DomainFacts
 from geomesh.grid import signed_areas
+from geomesh.jit import kernel
+from geomesh.table import blocks
 from geomesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
 
 # Bounds on the rounding error of the two predicates in float64, relative to the
@@ -51,46 +53,51 @@ def certify(
     covered_pixels, counted_pixels : int, optional
         Pixel centres, and valid ones, inside the triangles, as found by the statistics.
     """
-    known = (triangles >= 0) & (triangles < len(nodes))
-    if not known.all():
-        missing = int(np.count_nonzero(~known))
+    missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
+    if missing:
         return Certificate(
             (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
         )
     edges, plane = build_edges(triangles), nodes * plane_scale
-    angles = _angles(plane, triangles)
-    areas = signed_areas(nodes[triangles]) * (1 if counter_clockwise else -1)
+    used = np.zeros(len(nodes), np.bool_)
+    used[triangles] = True
+    areas = signed_areas(nodes, triangles) * (1 if counter_clockwise else -1)
+    angle_sums, least = _angles(plane, triangles)
+    fixed = find_edges(edges, constraints)
     checks = [
-        _check_nodes(nodes, triangles),
+        _check_nodes(nodes, used, len(triangles)),
         _check_orientation(areas),
         _check_manifold(edges),
         _check_area(float(areas.sum()), domain.area),
-        _check_boundary(edges, constraints, domain),
-        _check_euler(triangles, edges, domain),
-        _check_angles(angles, triangles, edges, domain),
-        _check_delaunay(plane, triangles, edges, constraints),
+        _check_boundary(edges, constraints, fixed, domain),
+        _check_euler(used, len(triangles), edges, domain),
+        _check_angles(angle_sums, edges, domain),
+        _check_delaunay(plane, triangles, edges, fixed),
         _check_pixels(covered_pixels, counted_pixels, domain),
     ]
-    least = float(np.degrees(angles.min())) if len(triangles) else math.nan
-    return Certificate(tuple(checks), least)
+    return Certificate(tuple(checks), float(np.degrees(least)))
 
 
-def _check_nodes(nodes: NDArray[np.float64], triangles: NDArray[np.int32]) -> Check:
-    unused = len(nodes) - _count_used(triangles)
-    # As complex numbers points are ordered by x, then y: equal ones meet.
-    points = np.sort(np.ascontiguousarray(nodes).view(np.complex128)[:, 0])
-    duplicates = int(np.count_nonzero(points[1:] == points[:-1]))
+def _check_nodes(nodes: NDArray[np.float64], used: NDArray[np.bool_], triangle_count: int) -> Check:
+    unused = len(nodes) - int(np.count_nonzero(used))
+    duplicates = _count_duplicates(nodes)
     finite = bool(np.isfinite(nodes).all())
     return Check(
         "nodes are finite, distinct and used",
-        finite and unused == 0 and duplicates == 0 and len(triangles) > 0,
+        finite and unused == 0 and duplicates == 0 and triangle_count > 0,
         f"{len(nodes)} nodes, {duplicates} duplicate, {unused} unused",
     )
 
 
-def _count_used(triangles: NDArray[np.int32]) -> int:
-    """Return how many different nodes occur."""
-    return int(np.count_nonzero(np.bincount(triangles.ravel())))
+def _count_duplicates(nodes: NDArray[np.float64]) -> int:
+    """Return how many nodes lie where another one before them does."""
+    x, y = nodes.T
+    # Where each comes after the one before it, by y, then x, all are distinct.
+    if ((y[1:] > y[:-1]) | ((y[1:] == y[:-1]) & (x[1:] > x[:-1]))).all():
+        return 0
+    # As complex numbers points are ordered by x, then y: equal ones meet.
+    points = np.sort(np.ascontiguousarray(nodes).view(np.complex128)[:, 0])
+    return int(np.count_nonzero(points[1:] == points[:-1]))
 
 
 def _check_orientation(areas: NDArray[np.float64]) -> Check:
@@ -122,9 +129,11 @@ def _check_area(area: float, expected: float) -> Check:
     )
 
 
-def _check_boundary(edges: Edges, constraints: NDArray[np.int32], domain: DomainFacts) -> Check:
+def _check_boundary(
+    edges: Edges, constraints: NDArray[np.int32], fixed: NDArray[np.intp], domain: DomainFacts
+) -> Check:
     boundary = edges.nodes[edges.uses == 1]
-    missing = int(np.count_nonzero(find_edges(edges, constraints) == FILL))
+    missing = int(np.count_nonzero(fixed == FILL))
     stray = 0
     if domain.kind != "hull":
         stray = len(np.setxor1d(edge_keys(boundary), edge_keys(constraints)))
@@ -135,8 +144,10 @@ def _check_boundary(edges: Edges, constraints: NDArray[np.int32], domain: Domain
     )
 
 
-def _check_euler(triangles: NDArray[np.int32], edges: Edges, domain: DomainFacts) -> Check:
-    number = _count_used(triangles) - len(edges.nodes) + len(triangles)
+def _check_euler(
+    used: NDArray[np.bool_], triangle_count: int, edges: Edges, domain: DomainFacts
+) -> Check:
+    number = int(np.count_nonzero(used)) - len(edges.nodes) + triangle_count
     # Where the outline touches itself in a node, the closed area has one loop more
     # than its interior: each further visit lowers the number by one.
     visits = np.bincount(edges.nodes[edges.uses == 1].ravel())
@@ -153,7 +164,7 @@ def _check_delaunay(
     points: NDArray[np.float64],
     triangles: NDArray[np.int32],
     edges: Edges,
-    constraints: NDArray[np.int32],
+    fixed: NDArray[np.intp],
 ) -> Check:
     """Every inner edge that is no constraint passes the in-circle test.
 
@@ -161,35 +172,57 @@ def _check_delaunay(
     holds any visible node (Chew 1989). A test within its own rounding error is a
     tie: the four nodes are cocircular as far as float64 can tell.
     """
-    free = edges.uses == 2
-    fixed = find_edges(edges, constraints)
+    inner = edges.uses == 2
+    free = inner.copy()
     free[fixed[fixed != FILL]] = False
-    pairs, first, second = edges.nodes[free], edges.left[free], edges.right[free]
-    apex = triangles[second].sum(axis=1) - pairs.sum(axis=1)
-    value, bound = _incircle(points[triangles[first]], points[apex])
-    violations = int(np.count_nonzero(value > bound))
-    ties = int(np.count_nonzero(np.abs(value) <= bound))
+    constrained = np.count_nonzero(inner) - np.count_nonzero(free)
+    # An edge used twice in one direction has no far side; the manifold check tells of it.
+    free &= (edges.left != FILL) & (edges.right != FILL)
+    violations, ties = _test_circles(points, triangles, *edges[:3], free)
     return Check(
         "empty circumcircles (Delaunay; constrained where constraints are)",
         violations == 0,
-        f"{len(first)} edges tested, {violations} violations, {ties} cocircular; "
-        f"{np.count_nonzero(edges.uses == 2) - len(first)} inner edges constrained",
+        f"{np.count_nonzero(free)} edges tested, {violations} violations, {ties} cocircular; "
+        f"{constrained} inner edges constrained",
     )
 
 
-def _incircle(
-    corners: NDArray[np.float64], query: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """In-circle determinant, positive inside for either orientation, and its error bound."""
-    a, b, c = (corners[:, k] - query for k in range(3))
-    lifts = [(p * p).sum(axis=1) for p in (a, b, c)]
-    value = np.zeros(len(query))
-    magnitude = np.zeros(len(query))
-    for lift, p, q in zip(lifts, (b, c, a), (c, a, b), strict=True):
-        left, right = p[:, 0] * q[:, 1], p[:, 1] * q[:, 0]
-        value += lift * (left - right)
-        magnitude += lift * (np.abs(left) + np.abs(right))
-    return value * np.sign(signed_areas(corners)), _INCIRCLE_ERROR * magnitude
+@kernel
+def _test_circles(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    ends: NDArray[np.int32],
+    left: NDArray[np.int32],
+    right: NDArray[np.int32],
+    free: NDArray[np.bool_],
+) -> tuple[int, int]:
+    """Count violations and ties of apexes of right triangles with circles of left ones.
+
+    The in-circle determinant, of the left triangle's corners seen from the apex, is
+    positive inside once it has the sign of that triangle's area.
+    """
+    violations, ties = 0, 0
+    for edge in range(len(ends)):
+        if not free[edge]:
+            continue
+        one, other = left[edge], right[edge]
+        a, b, c = triangles[one, 0], triangles[one, 1], triangles[one, 2]
+        apex = triangles[other, 0] + triangles[other, 1] + triangles[other, 2]
+        apex -= ends[edge, 0] + ends[edge, 1]
+        ax, ay = points[a, 0] - points[apex, 0], points[a, 1] - points[apex, 1]
+        bx, by = points[b, 0] - points[apex, 0], points[b, 1] - points[apex, 1]
+        cx, cy = points[c, 0] - points[apex, 0], points[c, 1] - points[apex, 1]
+        lift_a, lift_b, lift_c = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
+        value = lift_a * (bx * cy - by * cx) + lift_b * (cx * ay - cy * ax)
+        value += lift_c * (ax * by - ay * bx)
+        magnitude = lift_a * (abs(bx * cy) + abs(by * cx)) + lift_b * (abs(cx * ay) + abs(cy * ax))
+        magnitude += lift_c * (abs(ax * by) + abs(ay * bx))
+        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+        value *= np.sign(abx * acy - aby * acx)
+        violations += value > _INCIRCLE_ERROR * magnitude
+        ties += abs(value) <= _INCIRCLE_ERROR * magnitude
+    return violations, ties
 
 
 def _check_pixels(covered: int | None, counted: int | None, domain: DomainFacts) -> Check:
@@ -213,18 +246,14 @@ def _check_pixels(covered: int | None, counted: int | None, domain: DomainFacts)
     )
 
 
-def _check_angles(
-    angles: NDArray[np.float64], triangles: NDArray[np.int32], edges: Edges, domain: DomainFacts
-) -> Check:
+def _check_angles(angle_sums: NDArray[np.float64], edges: Edges, domain: DomainFacts) -> Check:
     """Angles around an inner node make one turn; on a hull's boundary, half a turn at most."""
-    count = int(triangles.max(initial=-1)) + 1
-    total = np.bincount(triangles.ravel(), angles.ravel(), minlength=count)
-    border = np.zeros(count, np.bool_)
+    border = np.zeros(len(angle_sums), np.bool_)
     border[edges.nodes[edges.uses == 1]] = True
-    inner = ~border & (total > 0)
+    inner = ~border & (angle_sums > 0)
     limit = np.where(border & (domain.kind == "hull"), np.pi, 2 * np.pi)
-    bad = ~(total <= limit + _ANGLE_TOLERANCE)
-    bad |= inner & (total < 2 * np.pi - _ANGLE_TOLERANCE)
+    bad = ~(angle_sums <= limit + _ANGLE_TOLERANCE)
+    bad |= inner & (angle_sums < 2 * np.pi - _ANGLE_TOLERANCE)
     return Check(
         "triangles go once around every node",
         not bad.any(),
@@ -232,15 +261,29 @@ def _check_angles(
     )
 
 
-def _angles(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Angles at the corners of the triangles, (T, 3), in radians."""
-    corners = points[triangles]
-    angles = np.empty(triangles.shape)
-    for k in range(3):
-        u = corners[:, (k + 1) % 3] - corners[:, k]
-        v = corners[:, (k + 2) % 3] - corners[:, k]
-        with np.errstate(invalid="ignore"):
-            cross = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-            dot = u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1]
-        angles[:, k] = np.arctan2(cross, dot)
-    return angles
+def _angles(
+    points: NDArray[np.float64], triangles: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], float]:
+    """Sum of the angles around each node, and the least of all (NaN of none), in radians."""
+    sums, least = np.zeros(len(points)), math.inf if len(triangles) else math.nan
+    for block in blocks(len(triangles)):
+        angles = np.arctan2(*_products(points, triangles[block]))
+        np.add.at(sums, triangles[block].ravel(), angles.ravel())
+        least = np.minimum(least, angles.min())
+    return sums, least
+
+
+@kernel
+def _products(
+    points: NDArray[np.float64], triangles: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Size of the cross product, and dot product, of the sides at each corner, (T, 3) both."""
+    cross, dot = np.empty(triangles.shape), np.empty(triangles.shape)
+    for t in range(len(triangles)):
+        for k in range(3):
+            here = points[triangles[t, k]]
+            u = points[triangles[t, (k + 1) % 3]]
+            v = points[triangles[t, (k + 2) % 3]]
+            ux, uy, vx, vy = u[0] - here[0], u[1] - here[1], v[0] - here[0], v[1] - here[1]
+            cross[t, k], dot[t, k] = abs(ux * vy - uy * vx), ux * vx + uy * vy
+    return cross, dot

@@ -172,9 +172,7 @@ def loop_area(loop: NDArray[np.float64]) -> float:
     return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
 
 
-def subdivide(
-    loop: NDArray[np.float64], spacing: float, inside: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def subdivide(loop: NDArray[np.float64], spacing: float, inside: cKDTree) -> NDArray[np.float64]:
     """Return the loop with nodes added, as close together as the points inside ask for.
 
     A segment is halved as long as it is longer than `spacing` and than the
@@ -187,12 +185,11 @@ def subdivide(
     loop : float64 (k, 2)
     spacing : float
         Segments up to this length stay whole, in pixels.
-    inside : float64 (P, 2)
+    inside : cKDTree
         The other nodes of the mesh; with none of them the loop stays as it is.
     """
-    if len(inside) == 0:
+    if inside.n == 0:
         return loop
-    tree = cKDTree(inside)
     # Each segment as its place along the loop: corner number, and the part of it.
     start, length = np.arange(len(loop), dtype=np.float64), 1.0
     following = np.roll(loop, -1, axis=0)
@@ -202,7 +199,7 @@ def subdivide(
         side = following[corner] - loop[corner]
         middle = loop[corner] + side * (start - corner + length / 2)[:, None]
         extent = np.hypot(*side.T) * length
-        near, _ = tree.query(middle)
+        near, _ = inside.query(middle)
         split = start[extent > np.maximum(spacing, near)]
         length /= 2
         places.append(split + length)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import geopandas as gpd
 import numpy as np
-import pyogrio
 import shapely
-from pyogrio.errors import DataSourceError
 from pyproj.exceptions import ProjError
 from shapely.geometry.base import BaseGeometry
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
 from geomesh.grid import Grid, Window, snap
 from geomesh.raster import Scene
+
+if TYPE_CHECKING:
+    import geopandas as gpd
 
 # A pixel border that a box meets up to rounding is the box's own border.
 _SNAP = 1e-6
@@ -105,6 +105,11 @@ def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
 
 
 def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
+    # A quarter of a second, with pandas: only masks need them.
+    import geopandas as gpd
+    import pyogrio
+    from pyogrio.errors import DataSourceError
+
     if isinstance(mask, str | PathLike):
         try:
             mask = pyogrio.read_dataframe(mask, columns=[])

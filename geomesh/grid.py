@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
 from geomesh.errors import GeoreferenceError
+from geomesh.jit import kernel
+from geomesh.table import blocks
 
 Points = NDArray[np.float64]
 
@@ -174,19 +176,18 @@ class Grid:
             Square metres: planar in a projected CRS, on the ellipsoid in a
             geographic one. Without a CRS, square pixels.
         """
-        corners = self.to_map(points)[triangles]
+        places = self.to_map(points)
         if self.crs is None:
-            return np.abs(signed_areas(corners))
+            return np.abs(signed_areas(places, triangles))
         unit = self.crs.axis_info[0].unit_conversion_factor if self.crs.axis_info else 1.0
         if self.crs.is_geographic:
             ellipsoid = self.crs.ellipsoid
             if ellipsoid is None:
                 raise GeoreferenceError(f"{self.crs.name!r} names no ellipsoid to measure areas on")
-            radians = corners * unit
             return _ellipsoidal_areas(
-                radians, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+                places * unit, triangles, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
             )
-        return np.abs(signed_areas(corners)) * unit**2
+        return np.abs(signed_areas(places, triangles)) * unit**2
 
 
 def snap(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -202,26 +203,46 @@ def _apply(transform: Affine, points: ArrayLike) -> Points:
     return np.column_stack([a * x + b * y + c, d * x + e * y + f])
 
 
-def signed_areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signed planar areas of triangles (T, 3, 2); positive where counter-clockwise."""
-    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas: NDArray[np.float64] = 0.5 * (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
+@kernel
+def signed_areas(
+    points: NDArray[np.float64], triangles: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Signed planar areas of triangles (T, 3) of points (N, 2); positive if counter-clockwise."""
+    areas = np.empty(len(triangles))
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+        areas[t] = 0.5 * (abx * acy - aby * acx)
     return areas
 
 
 def _ellipsoidal_areas(
-    corners: NDArray[np.float64], semi_major: float, semi_minor: float
+    points: Points, triangles: NDArray[np.integer], semi_major: float, semi_minor: float
 ) -> NDArray[np.float64]:
-    """Areas in m2 of triangles (T, 3, 2) given in radians of longitude and latitude.
+    """Areas in m2 of triangles (T, 3) of points (N, 2) in radians of longitude and latitude."""
+    # A side of 180 degrees or more would be taken the shorter way around: cut it.
+    longitude = points[:, 0]
+    sides = (longitude[triangles[:, k]] - longitude[triangles[:, k - 1]] for k in range(3))
+    longest = max(float(np.abs(side).max(initial=0)) for side in sides)
+    pieces = max(math.ceil(longest / (math.pi / 2)), 1)
+    areas = np.empty(len(triangles))
+    for block in blocks(len(triangles)):
+        areas[block] = _block_areas(points[triangles[block]], semi_major, semi_minor, pieces)
+    return areas
+
+
+def _block_areas(
+    corners: NDArray[np.float64], semi_major: float, semi_minor: float, pieces: int
+) -> NDArray[np.float64]:
+    """Areas of triangles (T, 3, 2), each side cut into `pieces`.
 
     Latitudes become authalic ones (Snyder 1987, eq. 3-11 to 3-13), which maps the
     ellipsoid onto a sphere of equal area; there the area between a great-circle
     arc and the equator has a closed form (Karney 2013, section 6), and the three
     sides add up.
     """
-    # A side of 180 degrees or more would be taken the shorter way around: cut it.
     side = np.roll(corners, -1, axis=1) - corners
-    pieces = max(math.ceil(float(np.abs(side[..., 0]).max(initial=0)) / (math.pi / 2)), 1)
     shares = np.arange(pieces)[:, None] / pieces
     ring = (corners[:, :, None] + side[:, :, None] * shares).reshape(len(corners), 3 * pieces, 2)
     limit = math.pi / 2

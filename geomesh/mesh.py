@@ -9,7 +9,6 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
-import geopandas as gpd
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -18,13 +17,15 @@ from geomesh.certificate import Certificate, DomainFacts
 from geomesh.checks import certify
 from geomesh.errors import MissingExtraError
 from geomesh.grid import Grid, Points
-from geomesh.quality import Quality, measure
+from geomesh.quality import Quality, measure, measure_each
 from geomesh.table import Table, read_only
 from geomesh.topology import FILL, Edges, build_edges, find_edges
 
 if TYPE_CHECKING:
     from os import PathLike
     from pathlib import Path
+
+    import geopandas as gpd
 
 LayerName = Literal["triangles", "edges", "nodes"]
 LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
@@ -172,21 +173,20 @@ class Mesh:
 
     def _triangle_attributes(self) -> Table:
         corners = {f"n{k}": self.triangles[:, k] for k in range(3)}
-        measures = self.quality().table
         shown = ("ab", "bc", "ca", "ki", "min_angle", "shape")
         return Table(
             {
                 "id": np.arange(len(self.triangles), dtype=np.int32),
                 **corners,
                 "area": self.grid.areas(self.nodes, self.triangles),
-                **{name: measures[name] for name in shown},
+                **measure_each(self.plane_nodes, self.triangles, shown),
                 **self.triangle_table,
             }
         )
 
     def _edge_attributes(self) -> Table:
         edges = self.edges
-        ends = self.plane_nodes[edges.nodes]
+        (x, y), (start, stop) = self.plane_nodes.T, edges.nodes.T
         constrained = np.zeros(len(edges.nodes), np.bool_)
         found = find_edges(edges, self.constraints)
         constrained[found[found != FILL]] = True
@@ -197,7 +197,7 @@ class Mesh:
                 "n1": edges.nodes[:, 1],
                 "left": edges.left,
                 "right": edges.right,
-                "length": np.hypot(*(ends[:, 1] - ends[:, 0]).T),
+                "length": np.hypot(x[stop] - x[start], y[stop] - y[start]),
                 "constrained": constrained,
             }
         )
@@ -209,6 +209,8 @@ class Mesh:
         ----------
         layer : {"triangles", "edges", "nodes"}
         """
+        import geopandas as gpd  # a quarter of a second, with pandas: a mesh needs neither
+
         columns = dict(self.attributes(layer))
         if layer == "triangles":
             rings = self.map_nodes[self.triangles[:, [0, 1, 2, 0]]]

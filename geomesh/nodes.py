@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -80,7 +81,8 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     elif facts.islands_dropped or recipe.resize is not None:
         # Islands are no domain, and a resized image's pixels do not follow the outline.
         features = features.take(_inside(features.xy, loops))
-    inner = _strongest(features, recipe, facts).xy
+    # Cut in the middle: half the time of a balanced tree, and the same distances.
+    inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
     spacing = recipe.border_spacing or _median_spacing(inner)
     border = [_lattice_loop(domains.subdivide(loop, spacing, inner), recipe) for loop in loops]
     facts = replace(facts, area=sum(map(domains.loop_area, border)))
@@ -169,8 +171,7 @@ def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, Do
 def _inside(points: NDArray[np.float64], loops: Loops) -> NDArray[np.bool_]:
     """Tell which points (N, 2) lie inside the loops: those that a triangulation can use."""
     border = np.concatenate(loops)
-    distinct, position = np.unique(np.vstack([border, points]), axis=0, return_inverse=True)
-    position = position.ravel()
+    distinct, position = _unite(np.concatenate([border, points]))
     segments = position[_around(loops)]
     used = np.zeros(len(distinct), np.bool_)
     used[constrained_delaunay(distinct, segments).used] = True
@@ -193,12 +194,12 @@ def _frame(grid: Grid, valid_pixels: int) -> tuple[Loops, DomainFacts]:
     return loops, domains.describe("image", loops, valid_pixels=valid_pixels, pixels=pixels)
 
 
-def _median_spacing(points: NDArray[np.float64]) -> float:
+def _median_spacing(points: cKDTree) -> float:
     """Median distance to the third nearest of the points; infinite for fewer than four."""
-    if len(points) < _NEAREST:
+    if points.n < _NEAREST:
         return np.inf
-    step = -(-len(points) // _SPACING_SAMPLE)
-    distances, _ = cKDTree(points).query(points[::step], k=_NEAREST)
+    step = -(-points.n // _SPACING_SAMPLE)
+    distances, _ = points.query(points.data[::step], k=_NEAREST)
     return float(np.median(distances[:, -1]))
 
 
@@ -207,24 +208,28 @@ def _lattice_loop(loop: NDArray[np.float64], recipe: Recipe) -> NDArray[np.float
 
 
 def _distinct(loops: Loops) -> int:
-    return len(np.unique(np.concatenate(loops), axis=0))
+    return len(_unite(np.concatenate(loops))[0])
 
 
 def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
     """Merge features and loops into one set of points in canonical order."""
     border = np.concatenate([*loops, np.empty((0, 2))])
-    points, index = np.unique(
-        np.concatenate([border, features.xy])[:, ::-1], axis=0, return_inverse=True
-    )
-    points = np.ascontiguousarray(points[:, ::-1])
-    position = index.ravel()
+    points, position = _unite(np.concatenate([border, features.xy]))
     segments = position[_around(loops)]
-    kind = np.full(len(points), "feature")
-    kind[position[: len(border)]] = "border"
-    columns = {"kind": kind}
+    is_border = np.zeros(len(points), np.bool_)
+    is_border[position[: len(border)]] = True
+    columns: dict[str, NDArray[Any]] = {"kind": np.where(is_border, "border", "feature")}
     for name in ("scale", "response", "octave", "angle"):
         column = np.full(len(points), np.nan, np.float32)
         column[position[len(border) :]] = getattr(features, name)
-        column[kind == "border"] = np.nan
+        column[is_border] = np.nan
         columns[name] = column
     return NodeSet(points, Table(columns), segments.astype(np.int32), facts)
+
+
+def _unite(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the distinct points in order of y, then x, and where each of `points` is there."""
+    # Complex numbers are ordered so, and sorted much faster than rows are.
+    numbers = np.ascontiguousarray(points[:, ::-1]).view(np.complex128)[:, 0]
+    distinct, position = np.unique(numbers, return_inverse=True)
+    return np.column_stack([distinct.imag, distinct.real]), position

@@ -180,10 +180,11 @@ def fit_tone(
         As in `gray_weights`.
     """
     values = bands[:, valid]
-    is_uint8 = bands.dtype == np.uint8
-    ranges = tuple(_percentiles(band, recipe.stretch) for band in values)
-    band_ranges = None if recipe.stretch_gray or is_uint8 else ranges
-    seen = values if band_ranges is None else _stretch_bands(values, ranges)
+    ranges = None
+    if bands.dtype != np.uint8:
+        ranges = tuple(_percentiles(band, recipe.stretch) for band in values)
+    band_ranges = None if recipe.stretch_gray else ranges
+    seen = values if band_ranges is None else _stretch_bands(values, band_ranges)
     weights = gray_weights(seen[:, None], recipe.gray, rgb=rgb, numbers=numbers)
     # Weights of one sign that add up to 1 keep 8-bit bands within 8 bits.
     fits = bool((weights >= 0).all() and abs(weights.sum() - 1) < 1e-9)
@@ -191,8 +192,7 @@ def fit_tone(
     if recipe.stretch_gray or not fits:
         gray = to_gray(seen.astype(np.float64)[:, None], weights)
         gray_range = _percentiles(gray, recipe.stretch)
-    display = None if is_uint8 else ranges
-    return Tone(tuple(map(float, weights)), band_ranges, gray_range, display)
+    return Tone(tuple(map(float, weights)), band_ranges, gray_range, ranges)
 
 
 def _percentiles(values: NDArray[Any], percentiles: tuple[float, float]) -> tuple[float, float]:

@@ -13,14 +13,15 @@ the equilateral triangle as the ideal.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from geomesh.grid import Points
-from geomesh.table import Table
+from geomesh.table import Table, blocks
 from geomesh.topology import Triangles
 
 Floats = NDArray[np.float64]
@@ -106,45 +107,85 @@ def measure(points: Points, triangles: Triangles, *, size: tuple[float, float]) 
     Quality
         A triangle without area has ratios of infinity and a shape of 0.
     """
-    corners = points[triangles]
+    columns = measure_each(points, triangles)
+    area = columns["area"]
+    relative = _ratio(area, np.full_like(area, _mean(area)), 0.0)
+    size_squared = np.minimum(relative, _ratio(1.0, relative, np.inf)) ** 2
+    table = Table({**columns, "relative_size_squared": size_squared})
+    return Quality(table, len(points), (float(size[0]), float(size[1])))
+
+
+class _Shapes(NamedTuple):
+    """Sides (n,), area and angles of triangles: what their measures are made of."""
+
+    ab: Floats
+    bc: Floats
+    ca: Floats
+    area: Floats
+    least: Floats  # in radians
+    min_angle: Floats
+    max_angle: Floats
+
+    @property
+    def perimeter(self) -> Floats:
+        return self.ab + self.bc + self.ca
+
+    @property
+    def squares(self) -> Floats:
+        return self.ab**2 + self.bc**2 + self.ca**2
+
+
+_MEASURES: dict[str, Callable[[_Shapes], Floats]] = {
+    "ab": lambda s: s.ab,
+    "bc": lambda s: s.bc,
+    "ca": lambda s: s.ca,
+    "ki": lambda s: ki(s.ab, s.bc, s.ca),
+    "ki_min": lambda s: ki(s.bc, s.ab, s.ca),
+    "ki_mean": lambda s: _ratio(
+        2 / 3 * (s.ab * s.bc + s.bc * s.ca + s.ca * s.ab), s.perimeter, 0.0
+    ),
+    "area": lambda s: s.area,
+    "min_angle": lambda s: s.min_angle,
+    "max_angle": lambda s: s.max_angle,
+    "edge_ratio": lambda s: _ratio(s.bc, s.ab, np.inf),
+    "aspect_ratio": lambda s: _ratio(s.bc * s.perimeter, 4 * _ROOT_3 * s.area, np.inf),
+    # R / (2 r) with R = ab bc ca / (4 area), r = 2 area / perimeter.
+    "radius_ratio": lambda s: _ratio(s.ab * s.bc * s.ca * s.perimeter, (4 * s.area) ** 2, np.inf),
+    "condition": lambda s: _ratio(s.squares, 4 * _ROOT_3 * s.area, np.inf),
+    "shape": lambda s: _ratio(4 * _ROOT_3 * s.area, s.squares, 0.0),
+    "scaled_jacobian": lambda s: 2 / _ROOT_3 * np.sin(s.least),
+    "equiangle_skew": lambda s: np.maximum((s.max_angle - 60) / 120, (60 - s.min_angle) / 60),
+}
+
+
+def measure_each(
+    points: Points, triangles: Triangles, names: Iterable[str] = tuple(_MEASURES)
+) -> dict[str, Floats]:
+    """Return the measures `names` (read-only, (T,)) that a triangle has by itself."""
+    columns = {name: np.empty(len(triangles)) for name in names}
+    for block in blocks(len(triangles)):
+        shapes = _shapes(points[triangles[block]])
+        for name, column in columns.items():
+            column[block] = _MEASURES[name](shapes)
+    for column in columns.values():
+        column.flags.writeable = False  # so that a table need not copy it
+    return columns
+
+
+def _shapes(corners: Floats) -> _Shapes:
+    """Return what is to be known of triangles (n, 3, 2)."""
     # Side k lies opposite to corner k.
     sides = [corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3] for k in range(3)]
     lengths = np.stack([np.hypot(side[:, 0], side[:, 1]) for side in sides])
     ab, ca, bc = np.sort(lengths, axis=0)
-    perimeter = ab + bc + ca
-    squares = ab**2 + bc**2 + ca**2
     twice = np.abs(sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0])
-    area = twice / 2
     # Unlike the law of cosines or an arc sine, the arc tangent of cross and dot
     # product keeps its precision near 0 and 180 degrees.
     # Not a minus sign: it would make -0.0 of 0, whose angle is 180 degrees.
     dots = [0.0 - (sides[(k + 1) % 3] * sides[(k + 2) % 3]).sum(axis=1) for k in range(3)]
     angles = np.arctan2(twice, np.stack(dots))
-    least, greatest = np.degrees(angles.min(axis=0)), np.degrees(angles.max(axis=0))
-    relative = _ratio(area, np.full_like(area, _mean(area)), 0.0)
-    table = Table(
-        {
-            "ab": ab,
-            "bc": bc,
-            "ca": ca,
-            "ki": ki(ab, bc, ca),
-            "ki_min": ki(bc, ab, ca),
-            "ki_mean": _ratio(2 / 3 * (ab * bc + bc * ca + ca * ab), perimeter, 0.0),
-            "area": area,
-            "min_angle": least,
-            "max_angle": greatest,
-            "edge_ratio": _ratio(bc, ab, np.inf),
-            "aspect_ratio": _ratio(bc * perimeter, 4 * _ROOT_3 * area, np.inf),
-            # R / (2 r) with R = ab bc ca / (4 area), r = 2 area / perimeter.
-            "radius_ratio": _ratio(ab * bc * ca * perimeter, (4 * area) ** 2, np.inf),
-            "condition": _ratio(squares, 4 * _ROOT_3 * area, np.inf),
-            "shape": _ratio(4 * _ROOT_3 * area, squares, 0.0),
-            "scaled_jacobian": 2 / _ROOT_3 * np.sin(angles.min(axis=0)),
-            "equiangle_skew": np.maximum((greatest - 60) / 120, (60 - least) / 60),
-            "relative_size_squared": np.minimum(relative, _ratio(1.0, relative, np.inf)) ** 2,
-        }
-    )
-    return Quality(table, len(points), (float(size[0]), float(size[1])))
+    least, greatest = angles.min(axis=0), angles.max(axis=0)
+    return _Shapes(ab, bc, ca, twice / 2, least, np.degrees(least), np.degrees(greatest))
 
 
 def _ratio(numerator: ArrayLike, denominator: Floats, otherwise: float) -> Floats:

@@ -1,4 +1,4 @@
-"""Table: named columns of equal length, read-only, without an object per row."""
+"""Read-only columns without an object per row: whole, as a Table, and by blocks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+_BLOCK = 8192
 
 
 def read_only(array: ArrayLike, dtype: Any = None) -> NDArray[Any]:
@@ -23,6 +25,11 @@ def read_only(array: ArrayLike, dtype: Any = None) -> NDArray[Any]:
         source = np.array(source, order="C")
         source.flags.writeable = False
     return source
+
+
+def blocks(rows: int) -> Iterator[slice]:
+    """Cut rows into blocks of which temporary arrays are small and stay in the cache."""
+    return (slice(start, start + _BLOCK) for start in range(0, rows, _BLOCK))
 
 
 @dataclass(frozen=True, eq=False)

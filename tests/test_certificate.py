@@ -524,6 +524,63 @@ def flipped_lattice_meshes(draw: st.DrawFn) -> Case:
     return case
 
 
+def exact_counts(case: Case) -> str:
+    """What the check of circumcircles should tell of the inner edges, in whole numbers."""
+    edges = build_edges(case.triangles)
+    values = []
+    for left, right in zip(edges.left, edges.right, strict=True):
+        if min(left, right) >= 0:
+            (apex,) = set(case.triangles[right].tolist()) - set(case.triangles[left].tolist())
+            values.append(exact_incircle(case.nodes, case.triangles[left], apex))
+    inside, tied = sum(value > 0 for value in values), sum(value == 0 for value in values)
+    return f"{len(values)} edges tested, {inside} violations, {tied} cocircular"
+
+
+@given(flipped_lattice_meshes())
+def test_violations_and_ties_are_counted_exactly(case: Case) -> None:
+    (check,) = (check for check in case.certify().checks if DELAUNAY in check.name)
+    assert exact_counts(case) in check.detail
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 20))
+def test_whatever_the_damage_there_is_a_certificate(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    case = framed(random_inner(7))
+    triangles = case.triangles.copy()
+    rows = rng.integers(0, len(triangles), count)
+    triangles[rows] = rng.integers(0, len(case.nodes), (count, 3))
+    certificate = case._replace(triangles=triangles).certify()
+    assert not certificate.passed
+    assert len(certificate.checks) == 9
+
+
+def test_an_edge_without_a_far_side_is_not_taken_for_one_with_it(good: Case) -> None:
+    turned = flipped_triangle(good)
+    edges = build_edges(turned.triangles)
+    (check,) = (check for check in turned.certify().checks if DELAUNAY in check.name)
+    two_sided = (edges.uses == 2) & (edges.left >= 0) & (edges.right >= 0)
+    assert check.detail.startswith(f"{np.count_nonzero(two_sided)} edges tested")
+    assert np.count_nonzero(two_sided) < np.count_nonzero(edges.uses == 2)
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1), st.booleans())
+def test_duplicates_are_counted_in_any_order(places: list[tuple[int, int]], ordered: bool) -> None:
+    if ordered:
+        places = sorted(places, key=lambda place: place[::-1])
+    case = two_squares_that_touch()._replace(nodes=np.array([*places, *[(9, 9)] * 7], float))
+    (check,) = (check for check in case.certify().checks if NODES in check.name)
+    repeated = len(places) - len(set(places)) + 6
+    assert f"{repeated} duplicate" in check.detail
+
+
+def test_a_certificate_does_not_depend_on_how_many_triangles_are_seen_at_once(
+    good: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = good.certify()
+    monkeypatch.setattr("geomesh.table._BLOCK", 7)
+    assert good.certify() == whole
+
+
 @given(flipped_lattice_meshes())
 def test_a_lattice_mesh_passes_just_where_no_node_is_in_a_circumcircle(case: Case) -> None:
     empty = all(

@@ -104,6 +104,7 @@ def arrays_of(mesh: Mesh) -> dict[str, np.ndarray]:
         "constraints": mesh.constraints,
         "plane_nodes": mesh.plane_nodes,
         "map_nodes": mesh.map_nodes,
+        **mesh.edges._asdict(),
         **{f"{kind} {name}": t[name] for kind, t in tables.items() for name in t},
     }
 

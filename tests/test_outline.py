@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rasterio.features import shapes
 from scipy import ndimage
+from scipy.spatial import cKDTree
 from shapely.geometry import shape
 
 import geomesh
@@ -164,14 +165,14 @@ def test_small_islands_and_holes_go_with_what_is_in_them():
 
 def test_subdivision_follows_the_distance_to_the_nodes_inside():
     loop = np.array([(0, 0), (256, 0), (256, 256), (0, 256)], float)
-    near_corner = subdivide(loop, 4.0, np.array([(8.0, 8.0)]))
+    near_corner = subdivide(loop, 4.0, cKDTree([(8.0, 8.0)]))
     top = np.sort(near_corner[near_corner[:, 1] == 0][:, 0])
     steps = np.diff(top)
     assert steps[0] <= 8
     assert steps[-1] >= 64
     assert (np.diff(steps) >= 0).all()
     assert loop_area(near_corner) == loop_area(loop)
-    np.testing.assert_array_equal(subdivide(loop, 4.0, np.empty((0, 2))), loop)
+    np.testing.assert_array_equal(subdivide(loop, 4.0, cKDTree(np.empty((0, 2)))), loop)
 
 
 @pytest.mark.parametrize("min_hole", [0, 1, 64])

@@ -236,3 +236,15 @@ def test_the_share_of_small_angles_counts_triangles():
     triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32)
     shares = measure(points, triangles, size=(10, 10)).summary()["share_min_angle_under"]
     assert shares == pytest.approx({"10": 1 / 3, "20": 2 / 3})
+
+
+def test_measures_do_not_depend_on_how_many_triangles_are_seen_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(5)
+    points, triangles = rng.random((50, 2)), rng.integers(0, 50, (100, 3)).astype(np.int32)
+    whole = measure(points, triangles, size=(1, 1)).table
+    monkeypatch.setattr("geomesh.table._BLOCK", 7)
+    again = measure(points, triangles, size=(1, 1)).table
+    for name, values in whole.items():
+        np.testing.assert_array_equal(again[name], values)

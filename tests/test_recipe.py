@@ -357,6 +357,11 @@ def test_importing_brings_nothing_heavy(module: str) -> None:
     assert loaded.isdisjoint(HEAVY)
 
 
+def test_meshing_needs_no_data_frames() -> None:
+    program = "import sys, geomesh.pipeline; print('pandas' in sys.modules)"
+    assert run("-c", program).strip() == "False"
+
+
 def test_help_answers_without_anything_heavy() -> None:
     program = (
         "import sys, atexit\n"

@@ -16,6 +16,7 @@ from geomesh.topology import (
     build_edges,
     edge_keys,
     euler_number,
+    find_edges,
     neighbours,
 )
 
@@ -136,6 +137,40 @@ def test_edges_are_those_that_brute_force_finds(mesh: tuple[np.ndarray, np.ndarr
     assert edges.uses.tolist() == [uses[pair] for pair in found]
     assert edges.left.tolist() == [runs.get((low, high), FILL) for low, high in found]
     assert edges.right.tolist() == [runs.get((high, low), FILL) for low, high in found]
+
+
+damaged = st.lists(st.tuples(*[st.integers(0, 6)] * 3), max_size=12)
+
+
+@given(damaged, st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8)), max_size=9))
+def test_edges_of_any_triangles_are_those_of_a_dictionary(
+    rows: list[tuple[int, int, int]], wanted: list[tuple[int, int]]
+) -> None:
+    triangles = np.array(rows, np.int32).reshape(-1, 3)
+    uses: Counter[tuple[int, int]] = Counter()
+    left, right = {}, {}
+    for corner in range(3):
+        for t, triangle in enumerate(rows):
+            a, b = triangle[corner], triangle[(corner + 1) % 3]
+            pair = min(a, b), max(a, b)
+            uses[pair] += 1
+            (left if a < b else right)[pair] = t  # of several, the last
+    pairs = sorted(uses)
+    edges = build_edges(triangles)
+    assert list(map(tuple, edges.nodes.tolist())) == pairs
+    assert edges.uses.tolist() == [uses[pair] for pair in pairs]
+    assert edges.left.tolist() == [left.get(pair, FILL) for pair in pairs]
+    assert edges.right.tolist() == [right.get(pair, FILL) for pair in pairs]
+    place = {pair: k for k, pair in enumerate(pairs)}
+    found = find_edges(edges, np.array(wanted, np.int32).reshape(-1, 2))
+    assert found.tolist() == [place.get((min(pair), max(pair)), FILL) for pair in wanted]
+    once = [pair if pair in left else pair[::-1] for pair in pairs if uses[pair] == 1]
+    assert list(map(tuple, boundary_edges(triangles).tolist())) == once
+
+
+def test_a_negative_node_has_no_edges() -> None:
+    with pytest.raises(ValueError, match="node -2"):
+        build_edges(np.array([[0, 1, -2]], np.int32))
 
 
 @given(triangulations())
