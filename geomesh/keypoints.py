@@ -81,11 +81,14 @@ def detect_sift(image: Gray, recipe: Recipe) -> Keypoints:
         # Without it every keypoint is off by a quarter of a pixel.
         enable_precise_upscale=True,
     )
-    found = sift.detect(np.ascontiguousarray(image), None)
+    # OpenCV doubles whatever it gets: half the image is then looked at as it is.
+    pixel = 1 if recipe.sift_upsample else 2
+    found = sift.detect(np.ascontiguousarray(image if pixel == 1 else _halve(image)), None)
     rows = [(*k.pt, k.size, k.angle, k.response, k.octave) for k in found]
     values = np.array(rows, dtype=np.float64).reshape(-1, 6)
     # OpenCV packs octave, layer and offset into one int; the octave is its signed low byte.
     octave = (values[:, 5].astype(np.int64) & 0xFF).astype(np.uint8).view(np.int8)
+    octave += np.int8(pixel - 1)
     if recipe.sift_max_octave is not None:
         kept = octave <= recipe.sift_max_octave
         values, octave = values[kept], octave[kept]
@@ -96,7 +99,16 @@ def detect_sift(image: Gray, recipe: Recipe) -> Keypoints:
     values, octave = values[first], octave[first]
     scale, angle, response = (values[:, k].astype(np.float32) for k in (2, 3, 4))
     # OpenCV's origin is the centre of the first pixel, ours its corner.
-    return Keypoints(values[:, :2] + 0.5, scale, angle, response, octave)
+    xy = (values[:, :2] + 0.5) * pixel
+    return Keypoints(xy, scale * np.float32(pixel), angle, response, octave)
+
+
+def _halve(image: Gray) -> Gray:
+    """Return the means of 2 x 2 pixels; an odd row or column is doubled first."""
+    height, width = image.shape
+    even = np.pad(image, ((0, height % 2), (0, width % 2)), mode="edge")
+    size = (even.shape[1] // 2, even.shape[0] // 2)
+    return cv2.resize(even, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
 def labels_around(

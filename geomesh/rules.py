@@ -71,6 +71,7 @@ RULES: Mapping[str, Rule] = {
     "canny_high": _OPTIONAL,
     "canny_l2": _FLAG,
     "sift_source": _one_of(SIFT_SOURCES),
+    "sift_upsample": _FLAG,
     "sift_max_octave": (
         lambda value: value is None or (_is_whole(value) and value >= -1),
         "a whole number, -1 or more, or null",

@@ -20,7 +20,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
 _READING = ("bidx", "nodata", "crs", "bounds", "mask", "name")
-_RECIPE = ("preset", "recipe_file", "nodes", "gray", "domain", "statistics", "settings")
+_RECIPE = ("preset", "recipe_file", "nodes", "gray", "sift_upsample", "domain")
+_RECIPE += ("statistics", "settings")
 
 
 def _numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
@@ -158,6 +159,12 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 "name",
                 metavar="NAME",
                 help="What messages and metadata call SRC, if its path does not tell.",
+            ),
+            click.option(
+                "--sift-upsample/--no-sift-upsample",
+                default=None,
+                help="Look for keypoints at twice the image's size (the default), or at its own: "
+                "faster, with fewer nodes.",
             ),
             click.option(
                 "--domain",

@@ -64,6 +64,7 @@ SETTINGS = (
     Setting("canny_high", "Canny: high threshold (gray levels)", "real", 0),
     Setting("canny_l2", "Canny: L2 norm of the gradient", "flag"),
     Setting("sift_source", "SIFT: image to look at", "choice", choices=("gray", "edges")),
+    Setting("sift_upsample", "SIFT: double the image first", "flag"),
     Setting("sift_contrast_threshold", "SIFT: contrast threshold", "real", 0),
     Setting("sift_edge_threshold", "SIFT: edge threshold", "real", 0),
     Setting("sift_sigma", "SIFT: blur of the first octave (pixels)", "real", 0),
