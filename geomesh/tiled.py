@@ -20,7 +20,7 @@ Why the result is the triangulation T of all points, ties and constraints includ
   is residual. Its fan is around the lowest of its circle in T, its own vertex, which
   is still the lowest among fewer.
 - R and T cover the same hull. Edges between settled triangles and others are edges
-  of both. So what R has on the settled side of them covers exactly the certified
+  of both. So what R has on the settled side of them covers exactly the settled
   triangles; a flood that stops at these edges finds it.
 - No constraint touches a settled triangle: a connected group of them lies inside
   the loops if what R has in its place does, and R is rid of all that lies outside.
