@@ -44,7 +44,7 @@ from geomesh.topology import FILL, Triangles
 
 
 class _Settled(NamedTuple):
-    """What one tile knows for settled; all indices are those of all points.
+    """What one tile settles; all indices are those of all points.
 
     Attributes
     ----------
@@ -122,12 +122,11 @@ def _exclude_touched(
     """Clear `settled` where a segment touches a triangle of the tile."""
     low, high = own.min(axis=0), own.max(axis=0)
     one, other = points[segments[:, 0]], points[segments[:, 1]]
-    near = (np.minimum(one, other) <= high).all(axis=1) & (np.maximum(one, other) >= low).all(
-        axis=1
-    )
+    beside = (np.minimum(one, other) > high) | (np.maximum(one, other) < low)
+    near = ~beside.any(axis=1)
     ends = segments[near]
     place = np.minimum(np.searchsorted(ids, ends), len(ids) - 1)
-    inside = np.where(ids[place] == ends, place, -1).max(axis=1, initial=-1)
+    inside = np.where(ids[place] == ends, place, FILL).max(axis=1, initial=FILL)
     lines = np.hstack([one[near], other[near]])
     mark_touched(own, patch.triangles, patch.across, lines, inside.astype(np.int32), settled)
 
@@ -142,17 +141,18 @@ def _join(
     chosen = None if segments is None else np.searchsorted(residual, segments)
     patch = cdt.triangulate(points[residual], chosen)
     borders = [np.searchsorted(residual, tile.border).astype(np.int32) for tile in found]
-    places = find_half_edges(patch.triangles, np.concatenate(borders))
-    covered = flood(patch.across, places)
+    places = _find_half_edges(patch.triangles, np.concatenate(borders))
+    covered = _flood(patch.across, places)
     parts = [residual[patch.triangles[~covered]]]
     first = 0
     while found:
         tile, border = found.pop(0), borders.pop(0)
-        inside = places[first : first + len(border)] >= 0
+        inside = places[first : first + len(border)] != FILL
         first += len(border)
         count = len(tile.starts) - 1
         known = np.bincount(tile.groups[inside], minlength=count)
         total = np.bincount(tile.groups, minlength=count)
+        # Whole groups are inside the loops, or outside.
         if not ((known == total) | ((known == 0) & (segments is not None))).all():
             raise CertificateError(
                 "the tiles of the triangulation do not fit together. This is a defect of "
@@ -163,7 +163,7 @@ def _join(
     return parts
 
 
-def find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
+def _find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return 3 t + k for each half-edge (K, 2) from corner k of triangle t, or `FILL`."""
     starts = triangles.astype(np.int64).ravel() << 32
     keys = starts | np.roll(triangles, -1, axis=1).ravel()
@@ -179,7 +179,7 @@ def find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[n
 
 
 @kernel
-def flood(across: Triangles, places: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _flood(across: Triangles, places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Mark the triangles with the half-edges `places`, and all that they reach over other ones."""
     reached = np.zeros(len(across), np.bool_)
     closed = np.zeros(across.shape, np.bool_)
