@@ -264,7 +264,7 @@ def _sums_to_zero(terms: NDArray[np.float64]) -> bool:
             rest += abs(terms[i])
             total = high
         terms[last] = total
-        if abs(total) > 1.0001 * rest:
+        if not abs(total) <= 1.0001 * rest:  # also where there is no number any more
             return False
         if rest == 0.0:
             return True

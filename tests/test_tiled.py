@@ -177,16 +177,19 @@ def test_nested_loops_with_holes_and_long_segments():
 
 
 def test_loops_that_share_a_side_keep_it():
-    """Twice a segment, with points on it: both sides stay, and ties end at it."""
+    """Twice a segment, with points on it: both sides stay, and ties end at its pieces."""
     square = np.array([(0, 0), (12, 0), (12, 12), (0, 12), (24, 0), (24, 12)], float)
-    inner = integers(8, 25, 200)
-    inner = inner[~(inner[:, None] == square).all(axis=2).any(axis=1) & (inner[:, 1] <= 12)]
     segments = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (1, 4), (4, 5), (5, 2), (2, 1)])
-    points = np.vstack([square, inner])
-    triangles, _ = assert_same_by_tiles(points, segments, tiles=(2, 10, 60))
-    assert area(points, triangles) == 24 * 12
-    sides = np.sign(points[triangles][:, :, 0] - 12)
-    assert (sides.min(axis=1) * sides.max(axis=1) >= 0).all()
+    # Two on the side, and three on the circle through them, the lowest to the left.
+    circle = np.array([(12, 2), (12, 10), (9, 1), (14, 6), (5, 3)], float)
+    dense = integers(8, 25, 200)
+    dense = dense[~(dense[:, None] == square).all(axis=2).any(axis=1) & (dense[:, 1] <= 12)]
+    for inner in (circle, dense):
+        points = np.vstack([square, inner])
+        triangles, _ = assert_same_by_tiles(points, segments, tiles=(2, 10, 60))
+        assert area(points, triangles) == 24 * 12
+        sides = np.sign(points[triangles][:, :, 0] - 12)
+        assert (sides.min(axis=1) * sides.max(axis=1) >= 0).all()
 
 
 def outlines(cells, joined):
@@ -340,9 +343,21 @@ def test_cocircular_is_decided_exactly(angles, scale, shift, nudge):
     circle = [(5, 0), (4, 3), (3, 4), (0, 5), (-3, 4), (-4, 3)]
     circle += [(-x, -y) for x, y in circle]
     points = np.array(circle, float)[angles] * scale + np.array(shift)
+    # Not from zero: the fourth power of the smallest numbers is none.
+    column = int(points[1, 0] == 0)
     for _ in range(abs(nudge)):
-        points[1, 0] = np.nextafter(points[1, 0], np.inf * nudge)
+        points[1, column] = np.nextafter(points[1, column], np.inf * nudge)
     if len(np.unique(points, axis=0)) < 4:
         return
     exact = exact_incircle(points, (0, 1, 2), 3) == Fraction(0)
     assert ties._cocircular(points, 0, 1, 2, 3, np.empty(384)) == exact
+
+
+@pytest.mark.parametrize("radius", [3.0, 5 * 2.0**18, 2.0**19 + 1 / 256, 2.0**40, 1e7 / 3])
+def test_one_step_along_the_tangent_is_seen(radius):
+    """It changes the determinant by less than float64 can tell, and is seen all the same."""
+    points = radius * np.array([(1, 0), (0, 1), (-1, 0), (0, -1.0)])
+    assert ties._cocircular(points, 0, 1, 2, 3, np.empty(384))
+    points[0, 1] = max(1 / 256, radius * 2.0**-32)
+    assert exact_incircle(points, (0, 1, 2), 3) != 0
+    assert not ties._cocircular(points, 0, 1, 2, 3, np.empty(384))
