@@ -28,12 +28,19 @@ def exact_incircle(points, triangle, other):
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
+def exact_area(points, triangle):
+    """Twice the signed area in rational numbers."""
+    (ax, ay), (bx, by), (cx, cy) = ((Fraction(float(v)) for v in points[i]) for i in triangle)
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+
 def assert_delaunay(points, triangles, segments=()):
     """Counter-clockwise, covering the hull, and empty circles across every free edge."""
     fixed = {frozenset(map(int, segment)) for segment in segments}
     corners = points[triangles]
     ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    assert (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0] > 0).all()
+    doubtful = ~(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0] > 1e-6)
+    assert all(exact_area(points, triangle) > 0 for triangle in triangles[doubtful])
     across = neighbours(triangles)
     for t, k in np.argwhere(across >= 0):
         edge = frozenset(int(v) for v in np.delete(triangles[t], k))
@@ -56,6 +63,7 @@ def test_is_right_where_qhull_is_not(offset):
     points = points + offset
     triangles, used = delaunay(points)
     assert len(used) == 3600
+    assert_delaunay(points, triangles)
     assert len(triangles) == 2 * 3600 - 2 - len(boundary_edges(triangles))
     hull = shapely.convex_hull(shapely.multipoints(points)).area
     assert np.abs(area(points, triangles) - hull) < 1e-6 * hull
