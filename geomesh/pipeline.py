@@ -139,7 +139,7 @@ def mesh_scene(
         detection = detect(image, recipe, crew, part_of(progress, 0.05, 0.7))
         progress(0.7, "Triangulating")
         nodes = place_nodes(detection, scene.grid, recipe)
-        nodes, triangles = triangulate(nodes, scene.grid, detection.size)
+        nodes, triangles = triangulate(nodes, scene.grid, detection.size, crew.local)
         mesh = Mesh(
             nodes=nodes.points,
             triangles=triangles,
@@ -204,7 +204,7 @@ def scene_tone(scene: Scene, recipe: Recipe, crew: Crew, progress: Progress) -> 
 
 
 def triangulate(
-    nodes: NodeSet, grid: Grid, plane_size: tuple[int, int]
+    nodes: NodeSet, grid: Grid, plane_size: tuple[int, int], threads: Executor
 ) -> tuple[NodeSet, Triangles]:
     """Return the nodes that are in use, and the triangles counter-clockwise on the map.
 
@@ -215,12 +215,14 @@ def triangulate(
         The source's lattice.
     plane_size : (int, int)
         Width and height of the image in whose plane circumcircles are to be empty.
+    threads : Executor
+        For sets too large for one triangulation.
     """
     plane = nodes.points * (plane_size[0] / grid.width, plane_size[1] / grid.height)
     if len(nodes.segments):
-        triangles, used = constrained_delaunay(plane, nodes.segments)
+        triangles, used = constrained_delaunay(plane, nodes.segments, executor=threads)
     else:
-        triangles, used = delaunay(plane)
+        triangles, used = delaunay(plane, executor=threads)
     new_id = np.full(len(nodes.points), -1, np.int32)
     new_id[used] = np.arange(len(used), dtype=np.int32)
     triangles = new_id[triangles]

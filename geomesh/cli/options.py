@@ -20,8 +20,10 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
 _READING = ("bidx", "nodata", "crs", "bounds", "mask", "name")
-_RECIPE = ("preset", "recipe_file", "nodes", "gray", "sift_upsample", "domain")
-_RECIPE += ("statistics", "settings")
+_RECIPE = (
+    *("preset", "recipe_file", "nodes", "gray", "sift_upsample", "domain", "statistics"),
+    "settings",
+)
 
 
 def _numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
