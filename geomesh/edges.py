@@ -9,7 +9,7 @@ component with a strong pixel anywhere.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -109,7 +109,7 @@ def _gradients(gray: Gray) -> Gradients:
     return dx, dy  # type: ignore[return-value]
 
 
-def _magnitude(gradients: Gradients, l2: bool) -> NDArray[np.int32]:
+def _magnitude(gradients: Iterable[NDArray[np.int16]], l2: bool) -> NDArray[np.int32]:
     """Gradient magnitude as cv2.Canny compares it: the L1 norm, or the square of the L2 norm."""
     dx, dy = (g.astype(np.int32) for g in gradients)
     return dx * dx + dy * dy if l2 else np.abs(dx) + np.abs(dy)
@@ -169,19 +169,19 @@ def tile_edges(
     block = window.slices(tile.read)
     high = min(thresholds.high, _GREATEST)
     limit = int(high**2) if l2 else int(high)
-    strong_pixels = _magnitude(gradients, l2)[block] > limit
     count, found = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
     labels: NDArray[np.int32] = np.asarray(found, np.int32)
+    rows, cols = np.nonzero(weak[block])
+    label = labels[rows, cols]
+    magnitude = _magnitude((gradient[block][rows, cols] for gradient in gradients), l2)
     strong = np.zeros(count, np.bool_)
-    strong[labels[strong_pixels]] = True
-    strong[0] = False
-    shared = labels > 0
-    inner = tile.core.pad(-seam)
-    if inner.width > 0 and inner.height > 0:
-        shared[inner.slices(window)] = False
-    rows, cols = np.nonzero(shared)
-    pixels = (rows + window.row).astype(np.int64) * image_width + (cols + window.col)
-    return WeakEdges(labels, window), EdgePartial(strong, pixels, labels[rows, cols])
+    strong[label[magnitude > limit]] = True
+    rows, cols = rows + window.row, cols + window.col
+    alone = tile.core.pad(-seam)
+    shared = (rows < alone.row) | (rows >= alone.stop_row)
+    shared |= (cols < alone.col) | (cols >= alone.stop_col)
+    pixels = rows[shared].astype(np.int64) * image_width + cols[shared]
+    return WeakEdges(labels, window), EdgePartial(strong, pixels, label[shared])
 
 
 def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:

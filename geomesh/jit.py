@@ -6,6 +6,8 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
+from numpy.typing import NDArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -23,3 +25,10 @@ def kernel(function: Function) -> Function:
     except RuntimeError:  # neither the package nor the user's cache folder is writable
         compiled = numba.njit(**options)(function)
     return compiled
+
+
+def plain_bands(bands: NDArray[Any]) -> NDArray[Any]:
+    """Return bands of any dtype, contiguous, in a type that kernels can be compiled for."""
+    if bands.dtype.kind not in "iuf" or bands.dtype.itemsize > 8 or bands.dtype == np.float16:
+        bands = bands.astype(np.float64)
+    return np.ascontiguousarray(bands, dtype=bands.dtype.newbyteorder("="))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import cv2
@@ -84,23 +85,27 @@ def detect_sift(image: Gray, recipe: Recipe) -> Keypoints:
     # OpenCV doubles whatever it gets: half the image is then looked at as it is.
     pixel = 1 if recipe.sift_upsample else 2
     found = sift.detect(np.ascontiguousarray(image if pixel == 1 else _halve(image)), None)
-    rows = [(*k.pt, k.size, k.angle, k.response, k.octave) for k in found]
-    values = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    # Attribute by attribute: a row for each keypoint would hold up the other threads.
+    points = np.asarray(cv2.KeyPoint.convert(found), np.float64).reshape(-1, 2)
+    size, angle, response = (
+        np.fromiter(map(attrgetter(name), found), np.float32, len(found))
+        for name in ("size", "angle", "response")
+    )
+    packed = np.fromiter(map(attrgetter("octave"), found), np.int64, len(found))
     # OpenCV packs octave, layer and offset into one int; the octave is its signed low byte.
-    octave = (values[:, 5].astype(np.int64) & 0xFF).astype(np.uint8).view(np.int8)
+    octave = (packed & 0xFF).astype(np.uint8).view(np.int8)
     octave += np.int8(pixel - 1)
-    if recipe.sift_max_octave is not None:
-        kept = octave <= recipe.sift_max_octave
-        values, octave = values[kept], octave[kept]
-    order = np.lexsort((values[:, 3], -values[:, 2], -values[:, 4], values[:, 0], values[:, 1]))
-    values, octave = values[order], octave[order]
-    first = np.ones(len(values), bool)
-    first[1:] = (np.diff(values[:, :2], axis=0) != 0).any(axis=1)
-    values, octave = values[first], octave[first]
-    scale, angle, response = (values[:, k].astype(np.float32) for k in (2, 3, 4))
+    if recipe.sift_max_octave is None:
+        kept = np.arange(len(found))
+    else:
+        kept = np.flatnonzero(octave <= recipe.sift_max_octave)
+    x, y = points[kept].T
+    kept = kept[np.lexsort((angle[kept], -size[kept], -response[kept], x, y))]
+    kept = kept[np.diff(points[kept], axis=0, prepend=np.nan).any(axis=1)]
     # OpenCV's origin is the centre of the first pixel, ours its corner.
-    xy = (values[:, :2] + 0.5) * pixel
-    return Keypoints(xy, scale * np.float32(pixel), angle, response, octave)
+    xy = (points[kept] + 0.5) * pixel
+    scale = size[kept] * np.float32(pixel)
+    return Keypoints(xy, scale, angle[kept], response[kept], octave[kept])
 
 
 def _halve(image: Gray) -> Gray:

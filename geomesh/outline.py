@@ -91,6 +91,8 @@ def find_turns(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Turns:
     """
     core = tile.core
     ring = core.pad(1)
+    if ring.clip(tile.read) == ring and valid[ring.slices(tile.read)].all():
+        return Turns(np.empty((0, 2), np.int64), np.empty(0, np.uint8))
     padded = np.zeros(ring.shape, np.uint8)
     known = ring.clip(tile.read)
     padded[known.slices(ring)] = valid[known.slices(tile.read)]

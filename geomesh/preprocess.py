@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.errors import BandError
+from geomesh.jit import kernel, plain_bands
 from geomesh.recipe import Recipe
 
 Gray = NDArray[np.uint8]
@@ -79,7 +80,8 @@ def gray_weights(
 def _principal_axis(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """First principal axis of values (B, n), with a sign that keeps bright bright."""
     centred = values - values.mean(axis=1, keepdims=True)
-    _, axes = np.linalg.eigh(centred @ centred.T)
+    # Not by BLAS, whose last bits depend on its number of threads.
+    _, axes = np.linalg.eigh(np.einsum("in,jn->ij", centred, centred))
     axis: NDArray[np.float64] = axes[:, -1]
     return axis if axis.sum() >= 0 else -axis
 
@@ -99,8 +101,40 @@ def to_gray(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[Any]:
     if len(used) == 1 and weights[used[0]] == 1:
         only: NDArray[Any] = bands[used[0]]
         return only
-    with np.errstate(invalid="ignore", over="ignore"):  # invalid pixels may hold anything
-        return np.tensordot(weights, bands.astype(np.float64), axes=1)
+    return _weighted_sum(plain_bands(bands), weights)
+
+
+@kernel
+def _weighted_sum(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    # Not by BLAS, whose last bits depend on its number of threads.
+    count, height, width = bands.shape
+    total = np.empty((height, width))
+    for row in range(height):
+        for col in range(width):
+            value = 0.0
+            for band in range(count):
+                value += weights[band] * np.float64(bands[band, row, col])
+            total[row, col] = value
+    return total
+
+
+@kernel
+def _stretched_sum(
+    bands: NDArray[Any], weights: NDArray[np.float64], black: float, white: float
+) -> Gray:
+    """`stretch_to_uint8` of `_weighted_sum`, in one walk."""
+    count, height, width = bands.shape
+    levels = np.zeros((height, width), np.uint8)
+    factor = 255 / (white - black) if white > black else 0.0
+    for row in range(height):
+        for col in range(width):
+            value = 0.0
+            for band in range(count):
+                value += weights[band] * np.float64(bands[band, row, col])
+            value = (value - black) * factor
+            if value > 0:  # not so for what is not a number
+                levels[row, col] = np.uint8(np.rint(min(value, 255.0)))
+    return levels
 
 
 def stretch_to_uint8(values: NDArray[Any], black: float, white: float) -> Gray:
@@ -136,14 +170,14 @@ class Tone:
 
     def gray(self, bands: NDArray[Any], valid: NDArray[np.bool_]) -> Gray:
         """Return the 8-bit gray image of bands (B, H, W), nodata filled by its nearest data."""
+        weights = np.array(self.weights)
         if self.band_ranges is not None:
             bands = _stretch_bands(bands, self.band_ranges)
-        elif self.gray_range is not None:
-            bands = bands.astype(np.float64)
-        gray = to_gray(bands, np.array(self.weights))
         if self.gray_range is not None:
-            gray = stretch_to_uint8(gray, *self.gray_range)
-        return fill_invalid(np.rint(gray).astype(np.uint8), valid)
+            gray = _stretched_sum(plain_bands(bands), weights, *self.gray_range)
+        else:
+            gray = np.rint(to_gray(bands, weights)).astype(np.uint8)
+        return fill_invalid(gray, valid)
 
     def display(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         """Return band values (B, ...) as 8-bit levels for display."""

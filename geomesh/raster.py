@@ -13,6 +13,7 @@ import numpy as np
 import rasterio
 from affine import Affine
 from numpy.typing import NDArray
+from rasterio.enums import MaskFlags
 from rasterio.errors import RasterioError
 
 from geomesh.bands import (
@@ -159,10 +160,10 @@ class Scene:
             colors = palette(dataset)
             indexes = [1] if colors is not None else [band.index for band in self.bands]
             bands = dataset.read(indexes, **out)
-            if self.nodata is None:
+            valid = np.ones(bands.shape[1:], np.bool_)
+            flags = [dataset.mask_flag_enums[index - 1] for index in indexes]
+            if self.nodata is None and any(MaskFlags.all_valid not in each for each in flags):
                 valid = dataset.read_masks(indexes, **out).all(axis=0)
-            else:
-                valid = np.ones(bands.shape[1:], bool)
             alpha = alpha_index(dataset)
             if alpha is not None:
                 valid &= dataset.read(alpha, **out) > 0

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.grid import Points, Window
+from geomesh.jit import plain_bands
 from geomesh.table import read_only
 from geomesh.tiles import Tile
 from geomesh.topology import Triangles
@@ -175,7 +176,7 @@ def measure_tile(
         raise ValueError(f"bands {bands.shape} and valid {valid.shape} do not cover {window}")
     if window.clip(core) != core:
         raise ValueError(f"the core {core} is not inside {window}")
-    bands, valid = _native(bands), np.ascontiguousarray(valid, dtype=np.bool_)
+    bands, valid = plain_bands(bands), np.ascontiguousarray(valid, dtype=np.bool_)
     near = near_box(nodes, triangles, (core.col, core.stop_col, core.row, core.stop_row))
     pixels, count = np.zeros((2, len(near)), np.int64)
     moments = np.zeros((4, len(bands), len(near)))
@@ -225,13 +226,6 @@ def merge(
         result[:, none] = centroid[:, none]
     std[:, none] = np.where(np.isnan(centroid[:, none]), np.nan, 0.0)
     return Statistics(pixels, count, mean, std, low, high, node_values)
-
-
-def _native(bands: NDArray[Any]) -> NDArray[Any]:
-    """Return the bands, contiguous, in a type that kernels can be compiled for."""
-    if bands.dtype.kind not in "iuf" or bands.dtype.itemsize > 8 or bands.dtype == np.float16:
-        bands = bands.astype(np.float64)
-    return np.ascontiguousarray(bands, dtype=bands.dtype.newbyteorder("="))
 
 
 def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:

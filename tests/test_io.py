@@ -701,13 +701,13 @@ def test_lost_rows_are_noticed(tmp_path: Path, extension: str) -> None:
         extension, "Parquet"
     )
     rows = len(mesh.triangles)
-    assert verify.count_rows(path, ["triangles"], driver) == [rows]
+    assert verify.count_rows(path, "triangles", driver) == rows
     whole = path.read_bytes()
     # The last bytes of a database are slack.
     for kept in (len(whole) // 2, len(whole) - (5000 if extension == ".gpkg" else 3)):
         path.write_bytes(whole[:kept])
         try:
-            (found,) = verify.count_rows(path, ["triangles"], driver)
+            found = verify.count_rows(path, "triangles", driver)
         except Exception:
             continue
         assert found < rows, f"{kept} of {len(whole)} bytes"

@@ -76,7 +76,10 @@ def _copy_layer(database: sqlite3.Connection, layer: str) -> None:
     tables = [layer, *(f"{index}_{part}" for part in _INDEX_TABLES)]
     for table in tables:
         database.execute(f'DELETE FROM main."{table}"')  # an index is born with an empty node
-        database.execute(f'INSERT INTO main."{table}" SELECT * FROM other."{table}"')
+        copied = database.execute(f'INSERT INTO main."{table}" SELECT * FROM other."{table}"')
+        (rows,) = database.execute(f'SELECT count(*) FROM other."{table}"').fetchone()
+        if copied.rowcount != rows:
+            raise sqlite3.DatabaseError(f"{copied.rowcount} of {rows} rows of {table} copied")
     # Registers come before triggers, some of which count the rows.
     for register, column in _REGISTERS.items():
         database.execute(

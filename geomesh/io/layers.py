@@ -23,6 +23,7 @@ from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format
 from geomesh.io.geojson import LonLatLayer
 from geomesh.io.geoparquet import write_geoparquet
 from geomesh.io.meshfile import write_ugrid
+from geomesh.io.verify import count_rows
 from geomesh.mesh import LayerName, Mesh
 
 _thread = threading.local()
@@ -30,11 +31,13 @@ _thread = threading.local()
 
 def write_layer(
     mesh: Mesh, name: LayerName, path: Path, feed: Feed, document: str, file_format: Format
-) -> int:
-    """Write one layer of a mesh to a new file; return its number of rows.
+) -> None:
+    """Write one layer of a mesh to a file, and look whether it arrived there.
 
     Raises
     ------
+    OSError
+        If rows are missing.
     OutputError
         If the format cannot hold one of the columns.
     GeoreferenceError
@@ -48,7 +51,9 @@ def write_layer(
         write_ugrid(layer, path, feed, crs=mesh.grid.crs, document=document)
     else:
         _write_gdal(mesh, layer, path, feed, document, file_format)
-    return len(layer)
+    found = count_rows(path, name, file_format.driver)
+    if found != len(layer):
+        raise OSError(f"only {found} of {len(layer)} {name} arrived in the file")
 
 
 def _check_columns(layer: Layer, file_format: Format) -> None:

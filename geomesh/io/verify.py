@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -16,18 +15,11 @@ from geomesh.io.meshfile import FACES
 _FEATURE = b'{ "type": "Feature",'
 
 
-def count_rows(path: Path, layers: Sequence[str], driver: str) -> list[int]:
-    """Return the number of rows that can be read from each layer.
+def count_rows(path: Path, layer: str, driver: str) -> int:
+    """Return the number of rows that can be read from a layer.
 
     The rows are counted themselves, for the number in a header was written before
     them; that is also a look at every page of the file.
-
-    Parameters
-    ----------
-    path : Path
-    layers : sequence of str
-        All that the file holds; one of them, but in a GeoPackage.
-    driver : str
 
     Raises
     ------
@@ -35,25 +27,25 @@ def count_rows(path: Path, layers: Sequence[str], driver: str) -> list[int]:
         If the file is damaged.
     """
     if driver == "GPKG":
-        return _count_gpkg(path, layers)
+        return _count_gpkg(path, layer)
     if driver == "GeoJSON":
-        return [_count_geojson(path)]
+        return _count_geojson(path)
     if driver == "Parquet":
-        return [int(pq.read_metadata(path).num_rows)]
+        return int(pq.read_metadata(path).num_rows)
     if driver == "UGRID":
-        return [_count_ugrid(path)]
-    _, table = pyogrio.read_arrow(path, layer=layers[0], columns=["id"], read_geometry=False)
-    return [int(table.num_rows)]
+        return _count_ugrid(path)
+    _, table = pyogrio.read_arrow(path, layer=layer, columns=["id"], read_geometry=False)
+    return int(table.num_rows)
 
 
-def _count_gpkg(path: Path, layers: Sequence[str]) -> list[int]:
+def _count_gpkg(path: Path, layer: str) -> int:
     # Not as a URI: those know no network shares.
     with closing(sqlite3.connect(path)) as database:
         (state,) = database.execute("PRAGMA quick_check(1)").fetchone()
         if state != "ok":
             raise OSError(f"the database is damaged: {state}")
-        counts = [database.execute(f'SELECT count(*) FROM "{name}"').fetchone() for name in layers]
-    return [int(count) for (count,) in counts]
+        (rows,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
+        return int(rows)
 
 
 def _count_geojson(path: Path) -> int:
