@@ -14,7 +14,8 @@ import pyogrio
 
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
-from geomesh.io.batches import Feed, Layer
+from geomesh.io.batches import Layer
+from geomesh.io.feed import Feed
 from geomesh.io.formats import GPKG
 from geomesh.io.vector import _write_gdal, write_mesh
 from geomesh.mesh import LayerName

@@ -26,7 +26,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from geomesh.certificate import DomainFacts
 from geomesh.errors import CertificateError, GeoreferenceError, MeshFileError, OutputError
 from geomesh.grid import Grid
-from geomesh.io import batches, verify
+from geomesh.io import batches, feed, verify
 from geomesh.io.read import read_mesh
 from geomesh.io.vector import check_output, write_mesh
 from geomesh.mesh import LAYERS, Mesh
@@ -162,7 +162,7 @@ def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_attributes_and_rows_are_read_back(
     tmp_path: Path, extension: str, layer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batches, "BATCH_ROWS", 64)
+    monkeypatch.setattr(feed, "BATCH_ROWS", 64)
     mesh = random_mesh()
     frame = read(write_mesh(mesh, tmp_path / f"mesh{extension}", layers=[layer]), layer)
     expected = mesh.attributes(layer)
@@ -267,7 +267,7 @@ def test_metadata_is_valid_json_whatever_numbers_it_holds(tmp_path: Path) -> Non
 
 
 def test_geoparquet_can_be_read_by_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batches, "BATCH_ROWS", 50)
+    monkeypatch.setattr(feed, "BATCH_ROWS", 50)
     mesh = random_mesh()
     path = write_mesh(mesh, tmp_path / "mesh.parquet")
     west, south, east, north = mesh.grid.bounds()
@@ -568,7 +568,7 @@ class StopError(Exception):
 def test_stopping_midway_leaves_the_old_file(
     tmp_path: Path, extension: str, exception: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batches, "BATCH_ROWS", 50)
+    monkeypatch.setattr(feed, "BATCH_ROWS", 50)
     path = tmp_path / f"mesh{extension}"
     path.write_text("mine")
     for when in (0.0, 0.5, 1.0):
@@ -592,7 +592,7 @@ def test_failure_while_making_a_batch_is_told_as_it_is(
         return whole(self, rows, *names, **options)
 
     whole = batches.Layer.batch
-    monkeypatch.setattr(batches, "BATCH_ROWS", 50)
+    monkeypatch.setattr(feed, "BATCH_ROWS", 50)
     monkeypatch.setattr(batches.Layer, "batch", fail)
     with pytest.raises(MemoryError, match="no more"):
         write_mesh(random_mesh(), tmp_path / f"mesh{extension}")
@@ -600,7 +600,7 @@ def test_failure_while_making_a_batch_is_told_as_it_is(
 
 
 def test_progress_runs_from_0_to_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batches, "BATCH_ROWS", 100)
+    monkeypatch.setattr(feed, "BATCH_ROWS", 100)
     told: list[tuple[float, str]] = []
     write_mesh(random_mesh(), tmp_path / "mesh.gpkg", progress=lambda *step: told.append(step))
     fractions = [fraction for fraction, _ in told]
@@ -619,9 +619,9 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path) -> None:
     pickled.write_bytes(pickle.dumps(random_mesh()))
     code = """
 import os, pickle, signal, sys
-from geomesh.io import batches
+from geomesh.io import feed
 from geomesh.io.vector import write_mesh
-batches.BATCH_ROWS = 50
+feed.BATCH_ROWS = 50
 def stop(fraction, message):
     if fraction > 0.5:
         os.kill(os.getpid(), signal.SIGKILL)

@@ -6,10 +6,8 @@ All geometries of a layer have the same number of vertices, so their WKB (OGC
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from concurrent.futures import CancelledError
+from collections.abc import Mapping
 from dataclasses import dataclass
-from queue import SimpleQueue
 from typing import Any, Literal
 
 import numpy as np
@@ -19,8 +17,6 @@ from numpy.typing import NDArray
 from geomesh.grid import Points
 from geomesh.mesh import LayerName, Mesh
 from geomesh.table import Table
-
-BATCH_ROWS = 65_536
 
 GeometryType = Literal["Point", "LineString", "Polygon"]
 
@@ -103,45 +99,6 @@ class Layer:
     def geometry(self, rows: slice) -> pa.Array:
         """Return the WKB of the given rows."""
         return binary(wkb(self.points[self.vertices[rows]], self.geometry_type))
-
-
-class Feed:
-    """Hands out the batches of a layer, keeps count, and can be stopped from another thread.
-
-    An exception in a generator that a C library draws from comes out as that
-    library's own error, with a text at best; `failure` keeps the original.
-
-    Parameters
-    ----------
-    news : SimpleQueue
-        Gets an entry after each batch.
-    """
-
-    def __init__(self, news: SimpleQueue[None]) -> None:
-        self.rows = 0
-        self._news = news
-        self.failure: BaseException | None = None
-        self._stopped = False
-
-    def stop(self) -> None:
-        """Let the next batch be an error."""
-        self._stopped = True
-
-    def batches(self, layer: Layer, geometry: str, *, bbox: str | None = None) -> Iterator[Any]:
-        """Yield the record batches of a layer, made one at a time."""
-        try:
-            for start in range(0, len(layer), BATCH_ROWS):
-                if self._stopped:
-                    raise CancelledError
-                batch = layer.batch(slice(start, start + BATCH_ROWS), geometry, bbox=bbox)
-                self.rows += batch.num_rows
-                yield batch
-                self._news.put(None)
-        except GeneratorExit:
-            raise
-        except BaseException as error:
-            self.failure = error
-            raise
 
 
 def _attribute(values: NDArray[Any]) -> pa.Array:

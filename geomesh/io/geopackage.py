@@ -37,7 +37,7 @@ def can_join() -> bool:
     return True
 
 
-def join_layers(path: Path, others: Sequence[tuple[str, Path]]) -> None:
+def join_layers(path: Path, others: Sequence[tuple[str, Path]], document: str) -> None:
     """Copy a layer of each of the other files into the GeoPackage at `path`, with its index.
 
     Parameters
@@ -46,6 +46,8 @@ def join_layers(path: Path, others: Sequence[tuple[str, Path]]) -> None:
         A GeoPackage written by GDAL, with layers in the same CRS.
     others : sequence of (str, Path)
         Layers and the files that hold just them.
+    document : str
+        What is to stand in the metadata of the layers in place of `PENDING`.
 
     Raises
     ------
@@ -63,6 +65,10 @@ def join_layers(path: Path, others: Sequence[tuple[str, Path]]) -> None:
             database.execute("COMMIT")
             database.execute("DETACH other")
             file.unlink()
+        database.execute(
+            "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)",
+            (PENDING, escape(document, {'"': "&quot;"})),  # it lies in an XML element
+        )
 
 
 def _copy_layer(database: sqlite3.Connection, layer: str) -> None:
@@ -102,12 +108,3 @@ def _copy_metadata(database: sqlite3.Connection, layer: str) -> None:
         "FROM other.gpkg_metadata_reference WHERE table_name = ?",
         (made.lastrowid, layer),
     )
-
-
-def put_document(path: Path, document: str) -> None:
-    """Put the document where `PENDING` stands in the metadata of the layers."""
-    text = escape(document, {'"': "&quot;"})  # it lies in an XML element
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(
-            "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)", (PENDING, text)
-        )

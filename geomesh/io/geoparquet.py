@@ -8,8 +8,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from pyproj import CRS
 
-from geomesh.io.batches import Feed, Layer
+from geomesh.io.batches import Layer
 from geomesh.io.document import KEY
+from geomesh.io.feed import Feed
 from geomesh.io.formats import BBOX, GEOMETRY
 
 

@@ -17,8 +17,9 @@ import pyogrio
 
 from geomesh._version import __version__
 from geomesh.errors import OutputError
-from geomesh.io.batches import Feed, Layer
+from geomesh.io.batches import Layer
 from geomesh.io.document import KEY
+from geomesh.io.feed import Feed
 from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format
 from geomesh.io.geojson import LonLatLayer
 from geomesh.io.geoparquet import write_geoparquet

@@ -16,8 +16,9 @@ from pyproj import CRS
 from scipy.io import netcdf_file
 
 from geomesh._version import __version__
-from geomesh.io.batches import Feed, Layer
+from geomesh.io.batches import Layer
 from geomesh.io.document import KEY
+from geomesh.io.feed import Feed
 
 FACES = "mesh_face_nodes"
 

@@ -9,22 +9,17 @@ from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 from queue import Empty, SimpleQueue
-
-import pyarrow as pa
-from pyogrio.errors import DataLayerError, DataSourceError
+from typing import Any
 
 from geomesh.errors import OutputError
 from geomesh.io.atomic import check_place, staged
-from geomesh.io.batches import Feed
 from geomesh.io.document import describe
+from geomesh.io.feed import Feed
 from geomesh.io.formats import GPKG, Format, find_format
-from geomesh.io.geopackage import PENDING, can_join, join_layers, put_document
-from geomesh.io.layers import write_layer
+from geomesh.io.geopackage import PENDING, can_join, join_layers
 from geomesh.mesh import LAYERS, LayerName, Mesh
 from geomesh.tiles import Progress
 from geomesh.workers import open_crew
-
-_WRITE_FAILURES = (OSError, DataSourceError, DataLayerError, pa.ArrowException, sqlite3.Error)
 
 # Seconds between looks for Ctrl-C, and those granted to threads that were told to stop.
 _LOOK = 0.5
@@ -191,8 +186,8 @@ class MeshWriter:
         self._await(len(mesh.nodes), len(mesh.triangles), progress)
         if self._apart:
             with self._failures_told():
-                join_layers(self._path, [(name, self._file(name)) for name in self._names[1:]])
-                put_document(self._path, document)
+                others = [(name, self._file(name)) for name in self._names[1:]]
+                join_layers(self._path, others, document)
         progress(1.0, "Written")
 
     def stop(self) -> None:
@@ -205,7 +200,7 @@ class MeshWriter:
         if name not in self._feeds:
             feed = self._feeds[name] = Feed(self._news)
             task = (mesh, name, self._file(name), feed, document, self._format)
-            self._written[name] = self._threads.submit(write_layer, *task)
+            self._written[name] = self._threads.submit(_write_layer, *task)
             self._written[name].add_done_callback(lambda _: self._news.put(None))
 
     def _file(self, name: LayerName) -> Path:
@@ -242,7 +237,7 @@ class MeshWriter:
             for feed in self._feeds.values():
                 if feed.failure is not None:
                     raise feed.failure from None
-            if not isinstance(error, _WRITE_FAILURES):
+            if not _is_failed_write(error):
                 raise
             reason = " ".join(str(error).split())
             raise OutputError(
@@ -272,3 +267,20 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
             "choose one of them, or write .gpkg"
         )
     return chosen
+
+
+def _write_layer(*task: Any) -> None:
+    # Imported by the thread that writes, while others work: by way of pyogrio it takes
+    # pandas and geopandas along, a third of what there is to load.
+    from geomesh.io.layers import write_layer
+
+    write_layer(*task)
+
+
+def _is_failed_write(error: Exception) -> bool:
+    """Tell whether an error is what a library says of a write that failed."""
+    from pyarrow import ArrowException
+    from pyogrio.errors import DataLayerError, DataSourceError
+
+    kinds = (OSError, DataSourceError, DataLayerError, ArrowException, sqlite3.Error)
+    return isinstance(error, kinds)
