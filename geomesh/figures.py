@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.detect import canny_thresholds, shrink
+from geomesh.detect import shrink
 from geomesh.edges import canny
 from geomesh.errors import MissingExtraError, OutputError
 from geomesh.grayimage import ArrayGray, GrayImage, SceneGray
@@ -21,6 +21,7 @@ from geomesh.pipeline import mesh_scene, scene_tone
 from geomesh.preprocess import Gray
 from geomesh.raster import Scene
 from geomesh.recipe import Recipe
+from geomesh.thresholds import canny_thresholds
 from geomesh.tiles import Progress, part_of
 from geomesh.workers import open_crew
 

@@ -38,6 +38,10 @@ from geomesh.workers import Crew, open_crew
 # What a result may depend on, beside geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
 
+# What SIFT takes for each pixel that it looks at; gigabytes that a user should know of.
+_SIFT_BYTES = 240
+_MUCH = 4
+
 
 def mesh_raster(
     source: Source,
@@ -132,7 +136,8 @@ def mesh_scene(
         Called with the mesh as soon as its shape is final; it has no statistics yet.
     """
     _require_reach(scene, crew)
-    _warn(scene.notes)
+    notes = (*scene.notes, *_notes_on_memory(scene, recipe))
+    _warn(notes)
     with scene.open():
         tone = scene_tone(scene, recipe, crew, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
@@ -165,7 +170,7 @@ def mesh_scene(
         ),
         metadata={
             "recipe": recipe.to_dict(),
-            "warnings": [*scene.notes, *nodes.notes],
+            "warnings": [*notes, *nodes.notes],
             "source": _describe(scene, names),
             "canny": {"low": detection.thresholds.low, "high": detection.thresholds.high},
             "pixels": {
@@ -194,6 +199,19 @@ def _require_reach(scene: Scene, crew: Crew) -> None:
             f"{scene.name} is open in this process only; for workers in other processes give "
             "its path instead of the open dataset"
         )
+
+
+def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
+    """Tell of recipes that cannot be followed tile by tile, where that takes much memory."""
+    width, height = recipe.resize or (scene.grid.width, scene.grid.height)
+    gigabytes = width * height * _SIFT_BYTES / 1e9
+    if recipe.is_local or gigabytes < _MUCH:
+        return []
+    return [
+        f"this recipe looks at all {width} x {height} pixels at once, which takes about "
+        f"{gigabytes:.0f} GB of memory; sift_max_octave=2, sift_source=gray and the usual blur "
+        "go tile by tile"
+    ]
 
 
 def scene_tone(scene: Scene, recipe: Recipe, crew: Crew, progress: Progress) -> Tone:

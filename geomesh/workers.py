@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
@@ -99,10 +100,11 @@ def open_crew(workers: int | None = None, executor: Executor | None = None) -> I
         raise WorkerError(f"workers is {workers!r}: expected a whole number, 1 or more")
     # The standard executors know their size; of others nothing can be asked.
     size = workers or getattr(executor, "_max_workers", None) or available_cores()
-    local = ThreadPoolExecutor(size if executor is None else 1, thread_name_prefix="geomesh")
+    threads = size if executor is None else available_cores()
+    local = ThreadPoolExecutor(threads, thread_name_prefix="geomesh")
     done = False
     try:
-        with settings_kept(), _one_thread_in_opencv():
+        with settings_kept(), _one_thread_in_opencv:
             yield Crew(executor or local, size, local)
         done = True
     finally:
@@ -117,17 +119,37 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-@contextmanager
-def _one_thread_in_opencv() -> Iterator[None]:
-    """Leave the cores to the tiles: threads within one would only be in the way."""
-    import cv2
+class _OneThreadInOpenCV:
+    """Keeps OpenCV to one thread for as long as any crew of this process is open.
 
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
+    The cores are for the tiles; and with another number of threads SIFT finds a few other
+    keypoints, so that no crew may set it free while another is at work.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._crews = 0
+        self._before = 0
+
+    def __enter__(self) -> None:
+        import cv2
+
+        with self._lock:
+            if self._crews == 0:
+                self._before = cv2.getNumThreads()
+                cv2.setNumThreads(1)
+            self._crews += 1
+
+    def __exit__(self, *_: object) -> None:
+        import cv2
+
+        with self._lock:
+            self._crews -= 1
+            if self._crews == 0:
+                cv2.setNumThreads(self._before)
+
+
+_one_thread_in_opencv = _OneThreadInOpenCV()
 
 
 @dataclass(frozen=True)
@@ -141,7 +163,7 @@ class _Errand(Generic[Task, Result]):
         import cv2
         from rasterio.env import Env, setenv
 
-        cv2.setNumThreads(1)
+        cv2.setNumThreads(1)  # elsewhere no crew is open
         with Env():
             # Not as arguments of Env, which refuses credentials among them.
             setenv(**self.gdal_options)

@@ -10,13 +10,13 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
 from geomesh import detect as stage
-from geomesh.detect import canny_thresholds
 from geomesh.edges import Thresholds, canny, tile_edges, unite
 from geomesh.grayimage import ArrayGray
 from geomesh.grid import Window
 from geomesh.keypoints import Keypoints, detect_sift, labels_around, spread_evenly, thin
 from geomesh.preprocess import fill_invalid
 from geomesh.recipe import Recipe
+from geomesh.thresholds import canny_thresholds
 from geomesh.tiles import plan_tiles
 from geomesh.workers import open_crew
 

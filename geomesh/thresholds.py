@@ -1,0 +1,54 @@
+"""Canny's thresholds: the recipe's, or such as suit the gradients of the image."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.edges import Thresholds, automatic_thresholds
+from geomesh.grayimage import GrayImage
+from geomesh.grid import Window
+from geomesh.preprocess import Gray
+from geomesh.recipe import Recipe
+from geomesh.tiles import plan_tiles
+
+# Automatic thresholds look at the whole image up to this size, else at 4 x 4 blocks.
+_SAMPLE_SIZE = 1024
+_SAMPLE_BLOCK = 256
+_SAMPLE_BLOCKS = 16
+_SAMPLE_PIXELS = 65_536
+
+
+def canny_thresholds(image: GrayImage, recipe: Recipe) -> Thresholds:
+    """Return the recipe's Canny thresholds; those it leaves open come from the image."""
+    low, high = recipe.canny_low, recipe.canny_high
+    if low is None or high is None:
+        found = automatic_thresholds(_samples(image), recipe.canny_l2)
+        # A threshold given alone bounds the automatic one.
+        high = max(found.high, low or 0) if high is None else high
+        low = min(found.low, high) if low is None else low
+    return Thresholds(low, high, recipe.canny_l2)
+
+
+def _samples(image: GrayImage) -> list[tuple[Gray, NDArray[np.bool_]]]:
+    """Blocks of the image that hold enough valid pixels to know its gradients by."""
+    blocks, found = [], 0
+    windows = _sample_windows(image.extent)
+    if len(windows) > 1:  # where data are sparse, go through the tiles until there are enough
+        windows += [tile.core for tile in plan_tiles(image.extent)]
+    for count, window in enumerate(windows):
+        if count >= _SAMPLE_BLOCKS and found >= _SAMPLE_PIXELS:
+            break
+        gray, valid = image.read(window)
+        found += int(np.count_nonzero(valid))
+        blocks.append((gray, valid))
+    return blocks
+
+
+def _sample_windows(extent: Window) -> list[Window]:
+    if max(extent.width, extent.height) <= _SAMPLE_SIZE:
+        return [extent]
+    half = _SAMPLE_BLOCK // 2
+    columns = [round(extent.width * (k + 0.5) / 4) - half for k in range(4)]
+    rows = [round(extent.height * (k + 0.5) / 4) - half for k in range(4)]
+    return [Window(c, r, 2 * half, 2 * half).clip(extent) for r in rows for c in columns]
