@@ -108,13 +108,11 @@ def to_gray(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[Any]:
 def _weighted_sum(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[np.float64]:
     # Not by BLAS, whose last bits depend on its number of threads.
     count, height, width = bands.shape
-    total = np.empty((height, width))
+    total = np.zeros((height, width))
     for row in range(height):
-        for col in range(width):
-            value = 0.0
-            for band in range(count):
-                value += weights[band] * np.float64(bands[band, row, col])
-            total[row, col] = value
+        for band in range(count):
+            for col in range(width):
+                total[row, col] += weights[band] * np.float64(bands[band, row, col])
     return total
 
 
@@ -126,12 +124,14 @@ def _stretched_sum(
     count, height, width = bands.shape
     levels = np.zeros((height, width), np.uint8)
     factor = 255 / (white - black) if white > black else 0.0
+    total = np.empty(width)
     for row in range(height):
+        total[:] = 0.0
+        for band in range(count):
+            for col in range(width):
+                total[col] += weights[band] * np.float64(bands[band, row, col])
         for col in range(width):
-            value = 0.0
-            for band in range(count):
-                value += weights[band] * np.float64(bands[band, row, col])
-            value = (value - black) * factor
+            value = (total[col] - black) * factor
             if value > 0:  # not so for what is not a number
                 levels[row, col] = np.uint8(np.rint(min(value, 255.0)))
     return levels
