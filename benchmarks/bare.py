@@ -1,0 +1,269 @@
+"""The bare work in a mesh: what the libraries need for it when nothing else is done.
+
+Each step is timed in a process of its own, with memory allocated as in the command, on one
+thread, and with everything that it does not consist of prepared.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import pickle
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from geomesh.cli.memory import keep_freed_memory
+
+# (seconds, what was done)
+Timed = tuple[float, str]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is prepared once, in a folder, for all steps."""
+
+    folder: Path
+
+    @property
+    def gray(self) -> Path:
+        """The scene's gray image."""
+        return self.folder / "gray.npy"
+
+    @property
+    def thresholds(self) -> Path:
+        """Those of Canny."""
+        return self.folder / "thresholds.pickle"
+
+    @property
+    def mesh(self) -> Path:
+        """The mesh as it comes out."""
+        return self.folder / "mesh.pickle"
+
+    def load(self, path: Path) -> Any:
+        """Return what lies at a path; nobody else writes to the folder."""
+        return pickle.loads(path.read_bytes())
+
+
+def prepare(scene_path: Path, kept: Kept) -> None:
+    """Make the scene's gray image and its mesh."""
+    import numpy as np
+
+    import geomesh
+    from geomesh.detect import canny_thresholds
+    from geomesh.grayimage import SceneGray
+    from geomesh.pipeline import scene_tone
+    from geomesh.recipe import Recipe
+    from geomesh.sources import open_scene
+    from geomesh.tiles import plan_tiles
+    from geomesh.workers import open_crew
+
+    recipe, scene = Recipe(), open_scene(scene_path)
+    with open_crew(1) as crew, scene.open():
+        image = SceneGray(scene, scene_tone(scene, recipe, crew, lambda *_: None), recipe.sobel)
+        gray = np.empty(image.extent.shape, np.uint8)
+        for tile in plan_tiles(image.extent, halo=0):
+            gray[tile.core.slices()] = image.read(tile.core)[0]
+        kept.thresholds.write_bytes(pickle.dumps(canny_thresholds(image, recipe)))
+    np.save(kept.gray, gray)
+    kept.mesh.write_bytes(pickle.dumps(geomesh.mesh_raster(scene_path)))
+
+
+def reading(scene_path: Path, _kept: Kept) -> Timed:
+    """Read all bands of every tile with its halo, once."""
+    import rasterio
+    from rasterio.env import setenv
+    from rasterio.windows import Window
+
+    from geomesh.grid import Grid
+    from geomesh.handles import settings
+    from geomesh.tiles import plan_tiles
+
+    with rasterio.Env():
+        setenv(**settings())
+        start = perf_counter()
+        with rasterio.open(scene_path) as dataset:
+            tiles = plan_tiles(Grid(dataset.width, dataset.height).extent)
+            for tile in tiles:
+                window = tile.read
+                dataset.read(window=Window(window.col, window.row, window.width, window.height))
+    return perf_counter() - start, f"rasterio, {len(tiles)} tiles"
+
+
+def features(_scene_path: Path, kept: Kept) -> Timed:
+    """Detect with SIFT and Canny in the gray tiles, with the recipe's parameters."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    tiles, thresholds = list(_gray_tiles(kept.gray)), kept.load(kept.thresholds)
+    start = perf_counter()
+    sift, found = _sift(), 0
+    for tile in tiles:
+        found += len(sift.detect(tile, None))
+        cv2.Canny(tile, thresholds.low, thresholds.high, L2gradient=thresholds.l2)
+    return perf_counter() - start, f"OpenCV, {found:,} keypoints"
+
+
+def triangulation(_scene_path: Path, kept: Kept) -> Timed:
+    """Insert the mesh's nodes and outline, and erase what lies outside."""
+    import numpy as np
+    import pythoncdt
+
+    mesh = kept.load(kept.mesh)
+    segments = mesh.constraints.astype(np.uintc)
+    start = perf_counter()
+    engine: Any = pythoncdt.Triangulation(
+        pythoncdt.VertexInsertionOrder.AUTO,
+        pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
+        0.0,
+    )
+    engine.insert_vertices(mesh.nodes)
+    engine.insert_edges(segments)
+    engine.erase_outer_triangles_and_holes()
+    return perf_counter() - start, f"pythoncdt, {len(mesh.nodes):,} nodes"
+
+
+def statistics(scene_path: Path, kept: Kept) -> Timed:
+    """Run the kernels of the statistics over every tile, on pixels already read."""
+    import numpy as np
+
+    from geomesh.sources import open_scene
+    from geomesh.tiles import plan_tiles
+    from geomesh.zonal import share_out
+    from geomesh.zonal_kernels import blend, scan_triangles
+
+    mesh, scene, tasks = kept.load(kept.mesh), open_scene(scene_path), []
+    tiles = plan_tiles(scene.grid.extent, halo=1)
+    with scene.open():
+        for tile, share in zip(tiles, share_out(mesh.nodes, mesh.triangles, tiles), strict=True):
+            bands, valid = scene.read(tile.read)
+            count, (core, read) = len(share.triangle_ids), (tile.core, tile.read)
+            chosen, origin = np.arange(count, dtype=np.int32), (read.row, read.col)
+            box = core.row, core.stop_row, core.col, core.stop_col
+            sums = *np.zeros((2, count), np.int64), np.zeros((4, len(bands), count))
+            flat, values = bands.reshape(len(bands), -1), np.empty((len(bands), len(share.nodes)))
+            scan = partial(scan_triangles, share.nodes, share.triangles, chosen, flat)
+            tasks.append(partial(scan, valid, origin, box, *sums))
+            tasks.append(partial(blend, share.nodes, bands, valid, origin, values))
+    for task in tasks[:2]:
+        task()  # compiled by now
+    start = perf_counter()
+    for task in tasks:
+        task()
+    return perf_counter() - start, f"the kernels, {len(mesh.triangles):,} triangles"
+
+
+def writing(_scene_path: Path, kept: Kept) -> Timed:
+    """Write ready batches of the three layers into one GeoPackage with spatial indexes."""
+    import pyarrow as pa
+    import pyogrio
+
+    from geomesh.io.batches import BATCH_ROWS, Layer
+    from geomesh.io.formats import GPKG
+    from geomesh.mesh import LAYERS
+
+    mesh, path = kept.load(kept.mesh), kept.folder / "bare.gpkg"
+    path.unlink(missing_ok=True)
+    crs, rows, ready = mesh.grid.crs.to_wkt(), 0, []
+    for layer in (Layer.of(mesh, name) for name in LAYERS):
+        starts = range(0, len(layer), BATCH_ROWS)
+        batches = [layer.batch(slice(k, k + BATCH_ROWS), GPKG.geometry) for k in starts]
+        ready.append((layer.name, layer.geometry_type, layer.schema(GPKG.geometry), batches))
+        rows += len(layer)
+    start = perf_counter()
+    for name, geometry_type, schema, batches in ready:
+        pyogrio.write_arrow(
+            pa.RecordBatchReader.from_batches(schema, batches),
+            path,
+            layer=name,
+            driver=GPKG.driver,
+            geometry_name=GPKG.geometry,
+            geometry_type=geometry_type,
+            crs=crs,
+            dataset_options=dict(GPKG.dataset_options),
+            layer_options=dict(GPKG.layer_options),
+        )
+    return perf_counter() - start, f"pyogrio, {rows:,} rows"
+
+
+STEPS: dict[str, Callable[[Path, Kept], Timed]] = {
+    step.__name__: step for step in (reading, features, triangulation, statistics, writing)
+}
+
+
+def gain(kept: Kept, rounds: int) -> list[float]:
+    """Return how much faster two processes are than one at SIFT alone, in every round."""
+    spawn = multiprocessing.get_context("spawn")
+    pools = [ProcessPoolExecutor(size, spawn, initializer=_start) for size in (1, 2)]
+    tiles = list(_gray_tiles(kept.gray))
+    ratios = []
+    for pool, size in zip(pools, (1, 2), strict=True):
+        list(pool.map(_detect, tiles[:1] * (4 * size)))  # all are there, and have their memory
+    for _ in range(rounds):
+        seconds = []
+        for pool in pools:
+            start = perf_counter()
+            list(pool.map(_detect, tiles))
+            seconds.append(perf_counter() - start)
+        ratios.append(seconds[0] / seconds[1])
+    for pool in pools:
+        pool.shutdown()
+    return ratios
+
+
+def _start() -> None:
+    import cv2
+
+    keep_freed_memory()
+    cv2.setNumThreads(1)
+
+
+def _detect(tile: Any) -> int:
+    return len(_sift().detect(tile, None))
+
+
+def _sift() -> Any:
+    import cv2
+
+    from geomesh.recipe import Recipe
+
+    recipe = Recipe()
+    return cv2.SIFT_create(  # type: ignore[attr-defined]
+        nOctaveLayers=recipe.sift_octave_layers,
+        contrastThreshold=recipe.sift_contrast_threshold,
+        edgeThreshold=recipe.sift_edge_threshold,
+        sigma=recipe.sift_sigma,
+        enable_precise_upscale=True,
+    )
+
+
+def _gray_tiles(path: Path) -> Iterator[Any]:
+    import numpy as np
+
+    from geomesh.grid import Grid
+    from geomesh.tiles import plan_tiles
+
+    gray = np.load(path)
+    for tile in plan_tiles(Grid(gray.shape[1], gray.shape[0]).extent):
+        yield np.ascontiguousarray(gray[tile.read.slices()])
+
+
+def main(task: str, scene_path: Path, folder: Path, options: Sequence[str]) -> None:
+    """Do one task and print what came of it as JSON."""
+    kept = Kept(folder)
+    if task == "prepare":
+        prepare(scene_path, kept)
+    elif task == "gain":
+        print(json.dumps(gain(kept, int(options[0]))))
+    else:
+        print(json.dumps(STEPS[task](scene_path, kept)))
+
+
+if __name__ == "__main__":
+    keep_freed_memory()
+    main(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4:])
