@@ -163,7 +163,8 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
     import pyarrow as pa
     import pyogrio
 
-    from geomesh.io.batches import BATCH_ROWS, Layer
+    from geomesh.io.batches import Layer
+    from geomesh.io.feed import BATCH_ROWS
     from geomesh.io.formats import GPKG
     from geomesh.mesh import LAYERS
 
