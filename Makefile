@@ -9,13 +9,14 @@ BIN := $(VENV)/bin
 SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench plugin test-qgis qgis-is-there clean
+.PHONY: help demo test lint bench bench-scale plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
 	@echo "make test    run everything: pytest, ruff, mypy"
 	@echo "make lint    ruff and mypy alone"
 	@echo "make bench   compare speed with the peers, in one run"
+	@echo "make bench-scale  time and memory from 1 to 120 megapixels, beside the bare work"
 	@echo "make plugin  pack the QGIS plugin into dist/"
 	@echo "make test-qgis  test the plugin with the QGIS of this machine (QGIS_PYTHON=$(QGIS_PYTHON))"
 	@echo "make clean   remove $(VENV), $(QGIS_VENV), out/, dist/ and caches"
@@ -61,6 +62,9 @@ lint: $(BIN)/.developing
 
 bench: $(BIN)/.developing
 	$(BIN)/python -m benchmarks
+
+bench-scale: $(BIN)/.developing
+	$(BIN)/python -m benchmarks.scale
 
 plugin: $(BIN)/.installed
 	@$(BIN)/python qgis_plugin/build.py

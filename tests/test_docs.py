@@ -5,6 +5,8 @@ import importlib
 import pkgutil
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,6 +26,24 @@ def test_the_readme_example_runs(tmp_path, monkeypatch):
     exec(code, names)
     assert (names["again"].nodes == names["mesh"].nodes).all()
     assert names["graph"].shape == (len(names["mesh"].nodes),) * 2
+
+
+def test_the_cluster_example_runs(tmp_path):
+    (code,) = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs" / "large-rasters.md").read_text(), re.DOTALL
+    )
+    scene = shutil.copy(SAMPLES / "olinda_landsat7_rgb_uint8.tif", tmp_path / "scene.tif")
+    # A file of its own: the workers' processes import it.
+    (tmp_path / "example.py").write_text(code)
+    subprocess.run([sys.executable, "example.py"], cwd=tmp_path, check=True, timeout=300)
+    made = geomesh.read_mesh(tmp_path / "mesh.gpkg")
+    assert (made.triangles == geomesh.mesh_raster(scene).triangles).all()
+
+
+def test_links_between_documents_lead_somewhere():
+    for document in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md")):
+        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text()):
+            assert (document.parent / target).exists(), f"{document.name}: {target}"
 
 
 def test_docstring_examples_run(monkeypatch):
