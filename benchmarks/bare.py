@@ -189,7 +189,9 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
             dataset_options=dict(GPKG.dataset_options),
             layer_options=dict(GPKG.layer_options),
         )
-    return perf_counter() - start, f"pyogrio, {rows:,} rows"
+    seconds = perf_counter() - start
+    path.unlink()
+    return seconds, f"pyogrio, {rows:,} rows"
 
 
 STEPS: dict[str, Callable[[Path, Kept], Timed]] = {
