@@ -55,11 +55,11 @@ def prepare(scene_path: Path, kept: Kept) -> None:
     import numpy as np
 
     import geomesh
-    from geomesh.detect import canny_thresholds
     from geomesh.grayimage import SceneGray
     from geomesh.pipeline import scene_tone
     from geomesh.recipe import Recipe
     from geomesh.sources import open_scene
+    from geomesh.thresholds import canny_thresholds
     from geomesh.tiles import plan_tiles
     from geomesh.workers import open_crew
 
