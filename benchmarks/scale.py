@@ -97,9 +97,7 @@ def _measure(console: Console, folder: Path, sizes: list[int], rounds: int) -> F
         for number in range(rounds):
             about = f"round {number + 1} of {rounds}"
             status.update(f"{about}: start-up")
-            found.startup += [
-                mesh(scenes[_TINY], folder / "tiny.gpkg", 2).seconds for _ in range(3)
-            ]
+            found.startup += [mesh(scenes[_TINY], folder / "tiny.gpkg", 2) for _ in range(3)]
             for step in STEPS:
                 status.update(f"{about}: bare {step}")
                 seconds, told = run_module("benchmarks.bare", step, scene, kept).told
