@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from geomesh.errors import MissingExtraError, WorkerError, one_line
 from geomesh.workers import Crew, available_cores
 
 # Seconds until a scheduler, or its workers, count as not answering.
-_PATIENCE = 8
+_PATIENCE = 6
 
 
 @contextmanager
@@ -38,8 +39,10 @@ def open_cluster(address: str) -> Iterator[Crew]:
             "dask.distributed is not installed: pip install 'geomesh-toolkit[dask]'"
         ) from error
     try:
+        # Client has no limit on the wait for what is at the address to say that it is a scheduler.
+        asyncio.run(_greet(address))
         client = Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise WorkerError(
             f"the scheduler {address} does not answer ({one_line(error)}); check the address, and "
             "that it runs"
@@ -47,6 +50,17 @@ def open_cluster(address: str) -> Iterator[Crew]:
     with client, ThreadPoolExecutor(available_cores(), thread_name_prefix="geomesh") as local:
         size = _count_workers(client, address)
         yield Crew(client.get_executor(), size, local)
+
+
+async def _greet(address: str) -> None:
+    """Open a connection, and close it."""
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    keys = Security().get_connection_args("client")
+    async with asyncio.timeout(_PATIENCE + 1):
+        comm = await connect(address, timeout=_PATIENCE, **keys)
+    comm.abort()
 
 
 def _count_workers(client: Any, address: str) -> int:

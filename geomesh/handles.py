@@ -37,14 +37,14 @@ def settings() -> dict[str, Any]:
     return given if _CACHE in given or _CACHE in os.environ else {**given, _CACHE: _CACHE_BYTES}
 
 
-@contextmanager
-def settings_kept() -> Iterator[None]:
-    """Restore what `settings` changes for the whole process."""
-    before = get_gdal_config(_CACHE)
-    try:
-        yield
-    finally:
-        set_gdal_config(_CACHE, before)
+def cache_size() -> Any:
+    """Return the size of GDAL's cache, which is the whole process's, not one Env's."""
+    return get_gdal_config(_CACHE)
+
+
+def set_cache_size(size: Any) -> None:
+    """Set it to what `cache_size` returned."""
+    set_gdal_config(_CACHE, size)
 
 
 class Handles:
@@ -105,6 +105,47 @@ class Handles:
                 f"pixels and has {found}; start again when it is complete"
             )
         return handle
+
+
+class Borrowed:
+    """A dataset that the caller opened, and may close as soon as it is given back.
+
+    It is one handle, whatever threads want it. A task that nobody waits for any more may
+    still want to read: after the end it is refused.
+
+    Parameters
+    ----------
+    dataset : open rasterio dataset
+    """
+
+    # One for all: a dataset may be lent to several meshes.
+    _turns = threading.Lock()
+
+    def __init__(self, dataset: Any) -> None:
+        self._dataset = dataset
+        self._users = 0
+        self._ended = False
+
+    @contextmanager
+    def lend(self) -> Iterator[Any]:
+        """Yield the dataset, which nobody else uses meanwhile."""
+        with self._turns:
+            if self._ended:
+                raise SourceError(f"{self._dataset.name} was given back to its owner")
+            yield self._dataset
+
+    @contextmanager
+    def used(self) -> Iterator[None]:
+        """Give the dataset back at the end of the outermost such block."""
+        with self._turns:
+            self._users += 1
+            self._ended = False
+        try:
+            yield
+        finally:
+            with self._turns:
+                self._users -= 1
+                self._ended = self._users == 0
 
 
 _readings: dict[str, Handles] = {}

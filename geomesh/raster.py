@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 from uuid import uuid4
@@ -25,12 +24,9 @@ from geomesh.bands import (
 )
 from geomesh.errors import SourceError, one_line
 from geomesh.grid import Grid, Window
-from geomesh.handles import close_handles, handles
+from geomesh.handles import Borrowed, close_handles, handles
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
-
-# A dataset that the caller opened is one handle, whatever threads want it.
-_borrowed = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +77,8 @@ class Scene:
     bands : tuple of Band
         After a palette has become colours.
     dtype : numpy.dtype
-    source : str, open dataset or Excerpt
+    source : str, Borrowed or Excerpt
+        A file's absolute path or URL, the caller's open dataset, or an array.
     size : (int, int)
         Width and height of the whole raster.
     nodata : float or None
@@ -101,7 +98,7 @@ class Scene:
     window: Window
     bands: tuple[Band, ...]
     dtype: np.dtype[Any]
-    source: Any
+    source: str | Borrowed | Excerpt
     size: tuple[int, int]
     nodata: float | None = None
     area: Any = None
@@ -128,7 +125,8 @@ class Scene:
     def open(self) -> Iterator[Scene]:
         """Keep this process's handles on the source for as long as the block lasts."""
         try:
-            yield self
+            with self.source.used() if isinstance(self.source, Borrowed) else nullcontext():
+                yield self
         finally:
             close_handles(self.reading)
 
@@ -147,8 +145,8 @@ class Scene:
             with lent as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
         else:
-            with _borrowed:
-                bands, valid = self._read_dataset(self.source, there, shape)
+            with self.source.lend() as dataset:
+                bands, valid = self._read_dataset(dataset, there, shape)
         return bands, self._narrowed(bands, valid, there)
 
     def _read_dataset(
@@ -167,6 +165,11 @@ class Scene:
             alpha = alpha_index(dataset)
             if alpha is not None:
                 valid &= dataset.read(alpha, **out) > 0
+        except IndexError as error:
+            raise SourceError(
+                f"{self.name} changed while it was read ({one_line(error)}); start again when it "
+                "is complete"
+            ) from error
         except RasterioError as error:
             raise SourceError(
                 f"{self.name}: cannot read columns {window.col} to {window.stop_col}, rows "

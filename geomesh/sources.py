@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike, fspath
@@ -20,7 +21,7 @@ from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.extent import restrict
 from geomesh.georeference import NO_CRS, georeference
 from geomesh.grid import IDENTITY, Grid
-from geomesh.handles import open_raster
+from geomesh.handles import Borrowed, open_raster
 from geomesh.raster import Excerpt, Scene
 
 _DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)
@@ -73,11 +74,13 @@ def open_scene(
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
-        scene = _dataset_scene(name or source.name, source, source, bidx, given)
+        scene = _dataset_scene(name or source.name, Borrowed(source), source, bidx, given)
     elif isinstance(source, str | PathLike):
         path = fspath(source)
         with open_raster(path) as dataset:
-            scene = _dataset_scene(name or path, path, dataset, bidx, given)
+            # Workers elsewhere may work in another folder.
+            place = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
+            scene = _dataset_scene(name or path, place, dataset, bidx, given)
     else:
         raise SourceError(
             f"a {type(source).__name__} is no source: give a path, an open rasterio dataset or "
@@ -126,7 +129,7 @@ def _array_scene(source: ArraySource, bidx: Sequence[int] | None, given: CRS | N
 
 def _dataset_scene(
     name: str,
-    source: Any,
+    source: str | Borrowed,
     dataset: rasterio.DatasetReader,
     bidx: Sequence[int] | None,
     given: CRS | None,

@@ -15,9 +15,10 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
+from uuid import uuid4
 
-from geomesh.errors import WorkerError, one_line
-from geomesh.handles import settings, settings_kept
+from geomesh.errors import GeomeshError, WorkerError, one_line
+from geomesh.handles import cache_size, set_cache_size, settings
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -59,13 +60,14 @@ class Crew:
         WorkerError
             If a worker was lost.
         """
-        errand = _Errand(function, settings())
+        options = settings()
         under_way: deque[Future[Result]] = deque()
         try:
             for task in tasks:
                 if len(under_way) >= _AHEAD * self.size:
                     yield under_way.popleft().result()
-                under_way.append(self.tiles.submit(errand, task))
+                errand = _Errand(function, task, options, self.shares_memory)
+                under_way.append(self.tiles.submit(errand))
             while under_way:
                 yield under_way.popleft().result()
         except (BrokenExecutor, CancelledError) as error:
@@ -104,7 +106,7 @@ def open_crew(workers: int | None = None, executor: Executor | None = None) -> I
     local = ThreadPoolExecutor(threads, thread_name_prefix="geomesh")
     done = False
     try:
-        with settings_kept(), _one_thread_in_opencv:
+        with _process_kept:
             yield Crew(executor or local, size, local)
         done = True
     finally:
@@ -119,24 +121,26 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-class _OneThreadInOpenCV:
+class _ProcessKept:
     """Keeps OpenCV to one thread for as long as any crew of this process is open.
 
     The cores are for the tiles; and with another number of threads SIFT finds a few other
-    keypoints, so that no crew may set it free while another is at work.
+    keypoints, so that no crew may set it free while another is at work. At the end of the
+    last one GDAL's cache, which `settings` changes, has its size again, too.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._crews = 0
-        self._before = 0
+        self._threads = 0
+        self._cache: Any = None
 
     def __enter__(self) -> None:
         import cv2
 
         with self._lock:
             if self._crews == 0:
-                self._before = cv2.getNumThreads()
+                self._threads, self._cache = cv2.getNumThreads(), cache_size()
                 cv2.setNumThreads(1)
             self._crews += 1
 
@@ -146,20 +150,23 @@ class _OneThreadInOpenCV:
         with self._lock:
             self._crews -= 1
             if self._crews == 0:
-                cv2.setNumThreads(self._before)
+                cv2.setNumThreads(self._threads)
+                set_cache_size(self._cache)
 
 
-_one_thread_in_opencv = _OneThreadInOpenCV()
+_process_kept = _ProcessKept()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class _Errand(Generic[Task, Result]):
-    """A function to be called elsewhere, under the caller's settings."""
+    """A task to be done elsewhere, under the caller's settings."""
 
     function: Callable[[Task], Result]
+    task: Task
     gdal_options: Mapping[str, Any]
+    shares_memory: bool
 
-    def __call__(self, task: Task) -> Result:
+    def __call__(self) -> Result:
         import cv2
         from rasterio.env import Env, setenv
 
@@ -167,7 +174,22 @@ class _Errand(Generic[Task, Result]):
         with Env():
             # Not as arguments of Env, which refuses credentials among them.
             setenv(**self.gdal_options)
-            return self.function(task)
+            try:
+                return self.function(self.task)
+            except GeomeshError as error:
+                if not self.shares_memory:
+                    # Of GDAL's errors no copy can be made, and so none of what they caused.
+                    error.__cause__ = error.__context__ = None
+                raise
+
+    @property
+    def __name__(self) -> str:
+        """What Dask shows; else it would be all that is in here, credentials too."""
+        return type(self.function).__name__.strip("_")
+
+    def __dask_tokenize__(self) -> str:
+        """Keep Dask from hashing pixels to see whether it had done the same before."""
+        return uuid4().hex
 
 
 def _lost(error: BaseException) -> WorkerError:
