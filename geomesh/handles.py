@@ -64,7 +64,7 @@ class Handles:
         self._free: list[rasterio.DatasetReader] = []
         self._closed = False
         readers = max((os.cpu_count() or 1) // _CORES_A_HANDLE, 1)
-        self._turns = None if _is_remote(name) else threading.Semaphore(readers)
+        self._turns = None if is_remote(name) else threading.Semaphore(readers)
 
     @contextmanager
     def lend(self, *, overlapping: bool) -> Iterator[rasterio.DatasetReader]:
@@ -96,7 +96,12 @@ class Handles:
             return self._free.pop() if self._free else None
 
     def _open(self) -> rasterio.DatasetReader:
-        handle = open_raster(self._name)
+        try:
+            handle = open_raster(self._name)
+        except SourceError as error:
+            raise SourceError(
+                f"{error}; it was there when the work began, and each worker needs it in that place"
+            ) from error
         if (handle.width, handle.height) != self._size:
             found = f"{handle.width} x {handle.height}"
             handle.close()
@@ -187,7 +192,7 @@ def open_raster(name: str) -> rasterio.DatasetReader:
             return rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:
         path = Path(name)
-        if _is_remote(name):
+        if is_remote(name):
             reason = f"is not a raster that GDAL can open ({one_line(error)})"
         elif not path.exists():
             reason = "no such file; check the path"
@@ -198,6 +203,6 @@ def open_raster(name: str) -> rasterio.DatasetReader:
         raise SourceError(f"{name}: {reason}") from error
 
 
-def _is_remote(name: str) -> bool:
+def is_remote(name: str) -> bool:
     """Tell whether a name is no path: a URL, or one for a driver, such as GPKG:file.gpkg:table."""
     return re.match(r"/vsi|[A-Za-z0-9_+.-]{2,}:", name) is not None

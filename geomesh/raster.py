@@ -24,7 +24,7 @@ from geomesh.bands import (
 )
 from geomesh.errors import SourceError, one_line
 from geomesh.grid import Grid, Window
-from geomesh.handles import Borrowed, close_handles, handles
+from geomesh.handles import Borrowed, close_handles, handles, is_remote
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 
@@ -171,10 +171,12 @@ class Scene:
                 "is complete"
             ) from error
         except RasterioError as error:
+            why = "the file is truncated or damaged; fetch or export it again"
+            if isinstance(self.source, str) and is_remote(self.source):
+                why = "the file is damaged, or did not come through; try again, or fetch it first"
             raise SourceError(
                 f"{self.name}: cannot read columns {window.col} to {window.stop_col}, rows "
-                f"{window.row} to {window.stop_row}: the file is truncated or damaged; "
-                f"fetch or export it again (GDAL: {one_line(error)})"
+                f"{window.row} to {window.stop_row}: {why} (GDAL: {one_line(error)})"
             ) from error
         if colors is not None:
             entries = colors[np.clip(bands[0], 0, len(colors) - 1)]

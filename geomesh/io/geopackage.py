@@ -67,7 +67,7 @@ def join_layers(path: Path, others: Sequence[tuple[str, Path]], document: str) -
             file.unlink()
         database.execute(
             "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)",
-            (PENDING, escape(document, {'"': "&quot;"})),  # it lies in an XML element
+            (PENDING, escape(document)),  # it lies in an XML element
         )
 
 

@@ -1,0 +1,192 @@
+"""A GeoPackage joined from a file for each layer is what GDAL writes alone, layer after layer."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio
+import pytest
+import shapely
+from conftest import SAMPLES
+from test_workers import contents
+
+import geomesh
+from geomesh.io import vector
+from geomesh.io.geopackage import PENDING, can_join
+
+LAYERS = ("triangles", "edges", "nodes")
+
+
+@pytest.fixture(scope="module")
+def mesh() -> geomesh.Mesh:
+    return geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=900)
+
+
+@pytest.fixture(scope="module")
+def joined(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    assert can_join()
+    return mesh.to_file(tmp_path_factory.mktemp("joined") / "mesh.gpkg")
+
+
+@pytest.fixture(scope="module")
+def plain(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As written where Python's own SQLite knows no R-trees."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(vector, "can_join", lambda: False)
+        return mesh.to_file(tmp_path_factory.mktemp("plain") / "mesh.gpkg")
+
+
+def rows(path: Path, query: str) -> list[Any]:
+    with closing(sqlite3.connect(path)) as database:
+        return database.execute(query).fetchall()
+
+
+def test_rows_and_metadata_are_the_same(joined: Path, plain: Path) -> None:
+    assert contents(joined) == contents(plain)
+    assert PENDING not in str(rows(joined, "SELECT metadata FROM gpkg_metadata"))
+    first, second = (geomesh.read_mesh(path) for path in (joined, plain))
+    assert first.metadata == second.metadata
+    np.testing.assert_array_equal(first.nodes, second.nodes)
+
+
+def test_tables_indexes_and_triggers_are_the_same(joined: Path, plain: Path) -> None:
+    query = "SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name"
+    assert rows(joined, query) == rows(plain, query)
+    triggers = [name for kind, name, *_ in rows(joined, query) if kind == "trigger"]
+    assert all(any(layer in name for name in triggers) for layer in LAYERS)
+
+
+@pytest.mark.parametrize(
+    ("table", "columns"),
+    [
+        ("gpkg_contents", "table_name, data_type, identifier, description, srs_id"),
+        ("gpkg_contents", "table_name, min_x, min_y, max_x, max_y"),
+        ("gpkg_geometry_columns", "*"),
+        ("gpkg_spatial_ref_sys", "*"),
+        ("gpkg_extensions", "*"),
+        ("gpkg_ogr_contents", "*"),
+        ("gpkg_metadata", "*"),
+        ("gpkg_metadata_reference", "reference_scope, table_name, md_file_id, md_parent_id"),
+        ("sqlite_sequence", "*"),
+    ],
+)
+def test_registers_say_the_same(joined: Path, plain: Path, table: str, columns: str) -> None:
+    found = rows(joined, f"SELECT {columns} FROM {table} ORDER BY 1, 2")
+    assert found == rows(plain, f"SELECT {columns} FROM {table} ORDER BY 1, 2")
+    assert found
+
+
+@pytest.mark.parametrize("pragma", ["application_id", "user_version", "page_size", "encoding"])
+def test_file_is_a_geopackage_of_the_same_kind(joined: Path, plain: Path, pragma: str) -> None:
+    assert rows(joined, f"PRAGMA {pragma}") == rows(plain, f"PRAGMA {pragma}")
+
+
+def test_file_is_sound(joined: Path) -> None:
+    assert rows(joined, "PRAGMA integrity_check") == [("ok",)]
+    assert rows(joined, "PRAGMA foreign_key_check") == []
+    for layer in LAYERS:
+        assert rows(joined, f"SELECT rtreecheck('rtree_{layer}_geom')") == [("ok",)]
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_index_finds_what_a_look_at_all_finds(joined: Path, layer: str) -> None:
+    _, ids, shapes, _ = pyogrio.raw.read(joined, layer=layer, return_fids=True, columns=[])
+    boxes = shapely.bounds(shapely.from_wkb(shapes))
+    west, south, east, north = shapely.total_bounds(shapely.from_wkb(shapes))
+    part = tuple(
+        float(number)
+        for number in (
+            west + 0.30 * (east - west),
+            south + 0.45 * (north - south),
+            west + 0.42 * (east - west),
+            south + 0.50 * (north - south),
+        )
+    )
+    apart = (
+        (boxes[:, 0] > part[2])
+        | (boxes[:, 2] < part[0])
+        | (boxes[:, 1] > part[3])
+        | (boxes[:, 3] < part[1])
+    )
+    expected = set(ids[~apart])
+    assert 0 < len(expected) < len(ids) / 4
+    # As QGIS asks; the index holds float32, rounded outwards.
+    query = (
+        f"SELECT id FROM rtree_{layer}_geom WHERE maxx >= {part[0]!r} AND minx <= {part[2]!r} "
+        f"AND maxy >= {part[1]!r} AND miny <= {part[3]!r}"
+    )
+    found = {number for (number,) in rows(joined, query)}
+    assert expected <= found
+    assert len(found) <= len(expected) + 20
+    # Through GDAL, which looks at the shapes too.
+    _, met, *_ = pyogrio.raw.read(joined, layer=layer, bbox=part, return_fids=True, columns=[])
+    touching = shapely.intersects(shapely.from_wkb(shapes), shapely.box(*part))
+    assert set(met) == set(ids[touching])
+
+
+@pytest.fixture
+def opened(joined: Path, tmp_path: Path) -> Iterator[sqlite3.Connection]:
+    """A copy to change, with the functions that GDAL and QGIS bring to the triggers."""
+    path = Path(shutil.copy(joined, tmp_path / "copy.gpkg"))
+    with closing(sqlite3.connect(path)) as database:
+
+        def bound(position: int) -> Any:
+            def of(blob: bytes) -> float:
+                envelope = (0, 32, 48, 48, 64)[(blob[3] >> 1) & 7]
+                return float(shapely.bounds(shapely.from_wkb(blob[8 + envelope :]))[position])
+
+            return of
+
+        for position, name in enumerate(("MinX", "MinY", "MaxX", "MaxY")):
+            database.create_function(f"ST_{name}", 1, bound(position), deterministic=True)
+        database.create_function("ST_IsEmpty", 1, lambda _blob: 0, deterministic=True)
+        yield database
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_triggers_keep_index_and_count(opened: sqlite3.Connection, layer: str) -> None:
+    def state() -> tuple[int, int]:
+        (indexed,) = opened.execute(f"SELECT count(*) FROM rtree_{layer}_geom").fetchone()
+        (counted,) = opened.execute(
+            "SELECT feature_count FROM gpkg_ogr_contents WHERE table_name = ?", (layer,)
+        ).fetchone()
+        return indexed, counted
+
+    before = state()
+    (key,) = opened.execute(f"SELECT name FROM pragma_table_info('{layer}') WHERE pk").fetchone()
+    opened.execute(f"DELETE FROM {layer} WHERE {key} IN (SELECT {key} FROM {layer} LIMIT 3)")
+    assert state() == tuple(number - 3 for number in before)
+    opened.execute(f"INSERT INTO {layer} (geom) SELECT geom FROM {layer} LIMIT 1")
+    assert state() == tuple(number - 2 for number in before)
+    assert opened.execute(f"SELECT rtreecheck('rtree_{layer}_geom')").fetchone() == ("ok",)
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_gdal_adds_rows(joined: Path, tmp_path: Path, layer: str) -> None:
+    path = Path(shutil.copy(joined, tmp_path / "copy.gpkg"))
+    some = pyogrio.read_dataframe(path, layer=layer, max_features=2)
+    count = pyogrio.read_info(path, layer=layer)["features"]
+    pyogrio.write_dataframe(some, path, layer=layer, append=True)
+    assert pyogrio.read_info(path, layer=layer)["features"] == count + 2
+    assert rows(path, f"SELECT count(*) FROM rtree_{layer}_geom") == [(count + 2,)]
+
+
+@pytest.mark.parametrize("layers", [("edges",), ("nodes", "triangles"), ("edges", "nodes")])
+def test_choice_of_layers_is_joined_alike(
+    mesh: geomesh.Mesh, tmp_path: Path, layers: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = mesh.to_file(tmp_path / "one.gpkg", layers=layers)
+    monkeypatch.setattr(vector, "can_join", lambda: False)
+    other = mesh.to_file(tmp_path / "other.gpkg", layers=layers)
+    query = "SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name"
+    assert rows(one, query) == rows(other, query)
+    for layer in layers:
+        query = f"SELECT * FROM {layer}"
+        assert rows(one, query) == rows(other, query)
+    assert sorted(name for name, _ in pyogrio.list_layers(one)) == sorted(layers)
