@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
 from geomesh._version import __version__
 from geomesh.errors import MissingExtraError, WorkerError, one_line
-from geomesh.workers import Crew, available_cores
+from geomesh.workers import Crew, open_crew
 
 # Seconds until a scheduler, or its workers, count as not answering.
 _PATIENCE = 6
@@ -47,9 +46,10 @@ def open_cluster(address: str) -> Iterator[Crew]:
             f"the scheduler {address} does not answer ({one_line(error)}); check the address, and "
             "that it runs"
         ) from error
-    with client, ThreadPoolExecutor(available_cores(), thread_name_prefix="geomesh") as local:
+    with client:
         size = _count_workers(client, address)
-        yield Crew(client.get_executor(), size, local)
+        with open_crew(size, client.get_executor()) as crew:
+            yield crew
 
 
 async def _greet(address: str) -> None:

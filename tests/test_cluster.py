@@ -158,7 +158,7 @@ def test_names_of_tasks_hold_no_credentials(client: Any) -> None:
 def refused(command: Geomesh, scene: Path, folder: Path, address: str) -> str:
     started = time.monotonic()
     run = command("mesh", scene, "-o", folder / "mesh.gpkg", "--scheduler", address)
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - started < 20
     assert snapshot(folder) == {}
     return run.error()
 
