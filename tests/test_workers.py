@@ -311,26 +311,30 @@ def test_dataset_is_not_read_once_the_call_has_failed(
 ) -> None:
     """Its owner may close it at once, and GDAL must not read what is closed."""
     read, late = Scene._read_dataset, []
-    ended = threading.Event()
+    detecting, ended = threading.Event(), threading.Event()
 
-    def slow(self: Scene, *given: Any) -> Any:
+    def slow(self: Scene, dataset: Any, window: Any, shape: Any) -> Any:
         late.append(ended.is_set())
-        time.sleep(0.2)
-        assert not ended.is_set()
-        return read(self, *given)
+        if detecting.is_set():
+            if (window.col, window.row) == (0, 0):
+                raise SourceError("the first tile cannot be read")
+            time.sleep(0.5)
+        late.append(ended.is_set())
+        return read(self, dataset, window, shape)
 
     monkeypatch.setattr(Scene, "_read_dataset", slow)
 
-    def stop(_fraction: float, message: str) -> None:
-        if message.startswith("Detecting") and "tile 1 of" in message:
-            raise KeyboardInterrupt
+    def watch(_fraction: float, message: str) -> None:
+        if message.startswith("Detecting"):
+            detecting.set()
 
     with rasterio.open(small) as dataset:
-        with pytest.raises(KeyboardInterrupt):
-            geomesh.mesh_raster(dataset, workers=4, progress=stop)
+        with pytest.raises(SourceError, match="the first tile"):
+            # Thresholds are given: they would be looked for in the caller's thread.
+            geomesh.mesh_raster(dataset, workers=4, canny_low=50, canny_high=100, progress=watch)
         ended.set()
-    await_no_threads()
-    assert len(late) > 1
+        await_no_threads()
+    assert late
     assert not any(late)
 
 
