@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -17,7 +18,8 @@ from benchmarks.timing import Row, alternate
 from geomesh.io.batches import Layer
 from geomesh.io.feed import Feed
 from geomesh.io.formats import GPKG
-from geomesh.io.vector import _write_gdal, write_mesh
+from geomesh.io.layers import _write_gdal
+from geomesh.io.vector import write_mesh
 from geomesh.mesh import LayerName
 
 EXPECTED = 1.5
@@ -49,7 +51,7 @@ def run(*, quick: bool) -> Iterator[Row]:
 
         def step() -> None:
             one.unlink(missing_ok=True)
-            _write_gdal(mesh, layer, one, Feed(len(layer), None), "{}", GPKG)
+            _write_gdal(mesh, layer, one, Feed(SimpleQueue()), "{}", GPKG, None)
 
         def step_peer() -> None:
             other.unlink(missing_ok=True)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from os import PathLike
 from typing import Any
 
+from geomesh.io.scribe import Scribes
 from geomesh.io.vector import open_writer
 from geomesh.mesh import LayerName, Mesh
 from geomesh.pipeline import mesh_scene
@@ -21,6 +22,7 @@ def mesh_file(
     *,
     recipe: Recipe,
     crew: Crew,
+    scribes: Scribes,
     progress: Progress,
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
@@ -36,6 +38,8 @@ def mesh_file(
     recipe : Recipe
     crew : Crew
         May work on one source after another.
+    scribes : Scribes
+        So may they.
     progress : callable(fraction, message)
         May raise to cancel.
     layers, driver, overwrite
@@ -52,7 +56,9 @@ def mesh_file(
     GeomeshError
         With one line that says what is wrong and what to do; an old file stays as it was.
     """
-    with open_writer(path, crew.local, layers=layers, driver=driver, overwrite=overwrite) as writer:
+    with open_writer(
+        path, crew.local, layers=layers, driver=driver, overwrite=overwrite, scribes=scribes
+    ) as writer:
         scene = open_scene(source, **reading)
         mesh = mesh_scene(scene, recipe, crew, part_of(progress, 0, 0.8), shaped=writer.begin)
         writer.finish(mesh, part_of(progress, 0.8, 1))

@@ -105,11 +105,15 @@ def mesh(
         with guarded(console, debug) as problems:
             if jobs:
                 from geomesh.cluster import open_cluster
+                from geomesh.io.scribe import Scribes
                 from geomesh.job import mesh_file
+                from geomesh.mesh import LAYERS
                 from geomesh.workers import open_crew
 
                 working = open_crew(workers) if scheduler is None else open_cluster(scheduler)
                 crew = stack.enter_context(working)
+                # A process for each layer that can be written at the same time.
+                scribes = stack.enter_context(Scribes(min(crew.size, len(LAYERS))))
         if problems:
             failures, jobs = failures + problems, []
         for job in jobs:
@@ -121,6 +125,7 @@ def mesh(
                     job.output,
                     recipe=recipe,
                     crew=crew,
+                    scribes=scribes,
                     progress=report,
                     layers=layers,
                     driver=driver,

@@ -32,6 +32,8 @@ class Format:
         What it can hold.
     many_layers : bool
         Whether one file holds several layers.
+    by_gdal : bool
+        Whether GDAL writes it.
     dataset_options, layer_options : mapping of str to str
         GDAL's creation options.
     """
@@ -42,6 +44,7 @@ class Format:
     reserved: tuple[str, ...] = ()
     layers: tuple[LayerName, ...] = LAYERS
     many_layers: bool = False
+    by_gdal: bool = True
     dataset_options: Mapping[str, str] = field(default_factory=dict)
     layer_options: Mapping[str, str] = field(default_factory=dict)
 
@@ -57,8 +60,8 @@ GPKG = Format(
 )
 GEOJSON = Format("GeoJSON", (".geojson", ".json"))
 FLATGEOBUF = Format("FlatGeobuf", (".fgb",), layer_options={"SPATIAL_INDEX": "YES"})
-PARQUET = Format("Parquet", (".parquet", ".geoparquet"), reserved=(BBOX,))
-UGRID = Format("UGRID", (".nc",), layers=("triangles",))
+PARQUET = Format("Parquet", (".parquet", ".geoparquet"), reserved=(BBOX,), by_gdal=False)
+UGRID = Format("UGRID", (".nc",), layers=("triangles",), by_gdal=False)
 FORMATS = (GPKG, GEOJSON, FLATGEOBUF, PARQUET, UGRID)
 
 

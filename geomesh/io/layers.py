@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import json
 import threading
-import warnings
 from contextlib import suppress
 from pathlib import Path
 
 import pyarrow as pa
-import pyogrio
 
 from geomesh._version import __version__
 from geomesh.errors import OutputError
@@ -24,14 +22,24 @@ from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format
 from geomesh.io.geojson import LonLatLayer
 from geomesh.io.geoparquet import write_geoparquet
 from geomesh.io.meshfile import write_ugrid
+from geomesh.io.scribe import Scribes, write_arrow
 from geomesh.io.verify import count_rows
 from geomesh.mesh import LayerName, Mesh
 
 _thread = threading.local()
 
+# pyogrio keeps the interpreter's lock anyway, and filters of warnings belong to the process.
+_in_process = threading.Lock()
+
 
 def write_layer(
-    mesh: Mesh, name: LayerName, path: Path, feed: Feed, document: str, file_format: Format
+    mesh: Mesh,
+    name: LayerName,
+    path: Path,
+    feed: Feed,
+    document: str,
+    file_format: Format,
+    scribes: Scribes | None,
 ) -> None:
     """Write one layer of a mesh to a file, and look whether it arrived there.
 
@@ -51,7 +59,7 @@ def write_layer(
     elif file_format is UGRID:
         write_ugrid(layer, path, feed, crs=mesh.grid.crs, document=document)
     else:
-        _write_gdal(mesh, layer, path, feed, document, file_format)
+        _write_gdal(mesh, layer, path, feed, document, file_format, scribes)
     found = count_rows(path, name, file_format.driver)
     if found != len(layer):
         raise OSError(f"only {found} of {len(layer)} {name} arrived in the file")
@@ -72,29 +80,34 @@ def _check_columns(layer: Layer, file_format: Format) -> None:
 
 
 def _write_gdal(
-    mesh: Mesh, layer: Layer, path: Path, feed: Feed, document: str, file_format: Format
+    mesh: Mesh,
+    layer: Layer,
+    path: Path,
+    feed: Feed,
+    document: str,
+    file_format: Format,
+    scribes: Scribes | None,
 ) -> None:
     crs = None if file_format is GEOJSON else mesh.grid.crs
     geometry = file_format.geometry
-    _quiet_gdal()
-    reader = pa.RecordBatchReader.from_batches(
-        layer.schema(geometry), feed.batches(layer, geometry)
-    )
-    with warnings.catch_warnings():
-        # No CRS is meant: GeoJSON's is understood, and a mesh without one stays so.
-        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
-        pyogrio.write_arrow(
-            reader,
-            path,
-            layer=layer.name,
-            driver=file_format.driver,
-            geometry_name=geometry,
-            geometry_type=layer.geometry_type,
-            crs=crs.to_wkt() if crs else None,
-            layer_metadata={KEY: document},
-            dataset_options=dict(file_format.dataset_options),
-            layer_options=_layer_options(mesh, layer, document, file_format),
-        )
+    schema, batches = layer.schema(geometry), feed.batches(layer, geometry)
+    options = {
+        "path": str(path),
+        "layer": layer.name,
+        "driver": file_format.driver,
+        "geometry_name": geometry,
+        "geometry_type": layer.geometry_type,
+        "crs": crs.to_wkt() if crs else None,
+        "layer_metadata": {KEY: document},
+        "dataset_options": dict(file_format.dataset_options),
+        "layer_options": _layer_options(mesh, layer, document, file_format),
+    }
+    if scribes is not None:
+        scribes.write(schema, batches, options)
+    else:
+        with _in_process:
+            _quiet_gdal()
+            write_arrow(pa.RecordBatchReader.from_batches(schema, batches), options)
 
 
 def _layer_options(mesh: Mesh, layer: Layer, document: str, file_format: Format) -> dict[str, str]:

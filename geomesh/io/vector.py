@@ -17,6 +17,7 @@ from geomesh.io.document import describe
 from geomesh.io.feed import Feed
 from geomesh.io.formats import GPKG, Format, find_format
 from geomesh.io.geopackage import PENDING, can_join, join_layers
+from geomesh.io.scribe import Scribes
 from geomesh.mesh import LAYERS, LayerName, Mesh
 from geomesh.tiles import Progress
 from geomesh.workers import open_crew
@@ -104,6 +105,7 @@ def open_writer(
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
     overwrite: bool = False,
+    scribes: Scribes | None = None,
 ) -> Iterator[MeshWriter]:
     """Yield a writer of one mesh; its file is put in place when the block ends well.
 
@@ -113,13 +115,15 @@ def open_writer(
         As in `write_mesh`, which tells the errors, too.
     threads : Executor
         Threads of this process, for the layers.
+    scribes : Scribes, optional
+        Processes to write them; without any the threads do it, one at a time.
     """
     target = Path(path)
     check_output(target, overwrite=overwrite, driver=driver)
     file_format = find_format(target, driver)
     names = _choose_layers(layers, file_format)
     with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
-        writer = MeshWriter(target, temporary, names, file_format, threads)
+        writer = MeshWriter(target, temporary, names, file_format, threads, scribes)
         try:
             yield writer
         finally:
@@ -138,6 +142,7 @@ class MeshWriter:
     names : list of {"triangles", "edges", "nodes"}
     file_format : Format
     threads : Executor
+    scribes : Scribes, optional
     """
 
     def __init__(
@@ -147,16 +152,20 @@ class MeshWriter:
         names: list[LayerName],
         file_format: Format,
         threads: Executor,
+        scribes: Scribes | None,
     ) -> None:
         self._target = target
         self._path = path
         self._names = names
         self._format = file_format
         self._threads = threads
+        self._scribes = scribes
         self._apart = file_format is GPKG and len(names) > 1 and can_join()
         self._feeds: dict[LayerName, Feed] = {}
         self._written: dict[LayerName, Future[None]] = {}
         self._news: SimpleQueue[None] = SimpleQueue()
+        if scribes is not None and file_format.by_gdal:
+            scribes.warm()
 
     def begin(self, mesh: Mesh) -> None:
         """Start on the edges, which need no statistics, where they get a file of their own.
@@ -194,12 +203,14 @@ class MeshWriter:
         """Make an end of what is still being written; nobody needs it."""
         for feed in self._feeds.values():
             feed.stop()
+        if self._scribes is not None:
+            self._scribes.dismiss()
         wait(self._written.values(), timeout=_GRACE)
 
     def _start(self, mesh: Mesh, name: LayerName, document: str) -> None:
         if name not in self._feeds:
             feed = self._feeds[name] = Feed(self._news)
-            task = (mesh, name, self._file(name), feed, document, self._format)
+            task = (mesh, name, self._file(name), feed, document, self._format, self._scribes)
             self._written[name] = self._threads.submit(_write_layer, *task)
             self._written[name].add_done_callback(lambda _: self._news.put(None))
 
@@ -270,8 +281,7 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
 
 
 def _write_layer(*task: Any) -> None:
-    # Imported by the thread that writes, while others work: by way of pyogrio it takes
-    # pandas and geopandas along, a third of what there is to load.
+    # What writes files is loaded by the thread that needs it.
     from geomesh.io.layers import write_layer
 
     write_layer(*task)

@@ -7,7 +7,6 @@ from contextlib import closing
 from pathlib import Path
 
 import pyarrow.parquet as pq
-import pyogrio
 from scipy.io import netcdf_file
 
 from geomesh.io.meshfile import FACES
@@ -34,6 +33,8 @@ def count_rows(path: Path, layer: str, driver: str) -> int:
         return int(pq.read_metadata(path).num_rows)
     if driver == "UGRID":
         return _count_ugrid(path)
+    import pyogrio
+
     _, table = pyogrio.read_arrow(path, layer=layer, columns=["id"], read_geometry=False)
     return int(table.num_rows)
 
@@ -57,6 +58,8 @@ def _count_geojson(path: Path) -> int:
             last = line.strip() or last
     if rows and last == b"}":
         return rows
+    import pyogrio
+
     return int(pyogrio.read_info(path, force_feature_count=True)["features"])
 
 

@@ -1,0 +1,120 @@
+"""Layers written by processes of their own: the same file, and nothing left when they fail."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow as pa
+import pyogrio
+import pytest
+from test_io import assert_same, hidden, random_mesh
+
+from geomesh.errors import OutputError
+from geomesh.io import scribe
+from geomesh.io.read import read_mesh
+from geomesh.io.scribe import Scribes
+from geomesh.io.vector import open_writer, write_mesh
+from geomesh.workers import open_crew
+
+
+def silent(_fraction: float, _message: str) -> None:
+    pass
+
+
+def write(mesh, path: Path, scribes: Scribes, **options) -> None:
+    with (
+        open_crew(2) as crew,
+        open_writer(path, crew.local, scribes=scribes, **options) as writer,
+    ):
+        writer.finish(mesh, silent)
+
+
+@pytest.mark.parametrize("extension", [".gpkg", ".geojson", ".fgb", ".parquet", ".nc"])
+def test_the_file_is_that_of_one_process(tmp_path: Path, extension: str) -> None:
+    mesh = random_mesh()
+    one, other = tmp_path / f"one{extension}", tmp_path / f"other{extension}"
+    write_mesh(mesh, one)
+    with Scribes(2) as scribes:
+        write(mesh, other, scribes)
+        write(mesh, other, scribes, overwrite=True)  # by the same processes
+    if extension == ".gpkg":
+        assert_same(read_mesh(other), mesh)
+        for layer in ("triangles", "edges", "nodes"):
+            (_, first), (_, second) = (pyogrio.read_arrow(p, layer=layer) for p in (one, other))
+            assert first.equals(second)
+    else:
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_process_that_is_lost_is_told_and_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.gpkg"
+    path.write_text("mine")
+    with Scribes(1) as scribes:
+        scribes.warm()
+        for each in scribes._idle:
+            each._process.kill()
+        with pytest.raises(OutputError, match=r"could not be written: the process .* code -?\d+"):
+            write(random_mesh(), path, scribes, overwrite=True, layers=["triangles"])
+        assert path.read_text() == "mine"
+        assert hidden(tmp_path) == []
+        write(random_mesh(), path, scribes, overwrite=True)  # by another one
+
+
+def test_what_the_library_says_comes_through(tmp_path: Path) -> None:
+    rows = pa.table({"geometry": pa.array([b""], pa.binary())})
+    options = {"path": str(tmp_path / "no" / "a.gpkg"), "driver": "GPKG", "layer": "a"}
+    options |= {"geometry_name": "geometry", "geometry_type": "Point", "crs": None}
+    with Scribes(0) as scribes, pytest.raises(OSError, match="no"):
+        scribes.write(rows.schema, iter(rows.to_batches()), options)
+
+
+def test_dismissed_ones_stop_at_once(tmp_path: Path) -> None:
+    def rows():
+        yield from table.to_batches()
+        scribes.dismiss()
+        yield from table.to_batches()
+
+    table = pa.table({"geometry": pa.array([b"\1\1\0\0\0" + bytes(16)], pa.binary())})
+    options = {"path": str(tmp_path / "a.gpkg"), "driver": "GPKG", "layer": "a"}
+    options |= {"geometry_name": "geometry", "geometry_type": "Point", "crs": None}
+    with Scribes(1) as scribes:
+        with pytest.raises(OSError, match="ended with code"):
+            scribes.write(table.schema, rows(), options)
+        assert scribes._busy == set()
+
+
+def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
+    code = (
+        "import sys; from geomesh.io.scribe import Scribes; s = Scribes(1); s.warm();"
+        "print(s._idle[0]._process.pid, flush=True); import os; os._exit(0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    folder = Path("/proc") / done.stdout.strip()
+    if sys.platform == "linux":
+        for _ in range(100):
+            if not folder.exists() or "zombie" in (folder / "status").read_text():
+                break
+            time.sleep(0.1)
+        else:
+            pytest.fail("it still runs")
+
+
+def test_modules_in_the_working_folder_are_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pyogrio.py").write_text("raise SystemExit(7)")
+    (tmp_path / "json.py").write_text("raise SystemExit(7)")
+    monkeypatch.chdir(tmp_path)
+    with Scribes(1) as scribes:
+        write(random_mesh(), tmp_path / "mesh.gpkg", scribes)
+    assert read_mesh(tmp_path / "mesh.gpkg").certify().passed
+
+
+def test_the_program_imports_nothing_of_geomesh() -> None:
+    """It is started as a file, wherever the package lies."""
+    text = Path(scribe.__file__).read_text(encoding="utf-8")
+    assert "import geomesh" not in text
+    assert "from geomesh" not in text
