@@ -17,10 +17,11 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from geomesh.errors import SourceError, one_line
 
-# GDAL's cache of decoded blocks is to hold what the next row of tiles reads again, not
-# the share of the machine's memory that it would take by default.
+# GDAL's cache of decoded blocks is to hold a scene of some forty megapixels, or of a larger
+# one what the next row of tiles reads again; not the share of the machine's memory that it
+# would take by default.
 _CACHE = "GDAL_CACHEMAX"
-_CACHE_BYTES = 192_000_000
+CACHE_BYTES = 256_000_000
 
 # One handle on a local file feeds so many cores: see Handles.lend.
 _CORES_A_HANDLE = 8
@@ -34,7 +35,7 @@ _lock = threading.Lock()
 def settings() -> dict[str, Any]:
     """Return the settings of the rasterio.Env around the call, which other threads do not see."""
     given = dict(getenv()) if hasenv() else {}
-    return given if _CACHE in given or _CACHE in os.environ else {**given, _CACHE: _CACHE_BYTES}
+    return given if _CACHE in given or _CACHE in os.environ else {**given, _CACHE: CACHE_BYTES}
 
 
 def cache_size() -> Any:
@@ -67,15 +68,15 @@ class Handles:
         self._turns = None if is_remote(name) else threading.Semaphore(readers)
 
     @contextmanager
-    def lend(self, *, overlapping: bool) -> Iterator[rasterio.DatasetReader]:
+    def lend(self, *, shared: bool) -> Iterator[rasterio.DatasetReader]:
         """Yield a handle that no other thread uses meanwhile.
 
-        A handle keeps the blocks that it decoded. So windows that overlap those of other
-        threads are read through one handle, in turns: decoding is quick, and with a handle
+        A handle keeps the blocks that it decoded. So windows whose blocks others need too
+        (`shared`) are read through one handle, in turns: decoding is quick, and with a handle
         each, every thread would decode what its neighbours decode. A remote file is waited
         for, not decoded: there each thread has its own.
         """
-        with self._turns if self._turns is not None and overlapping else nullcontext():
+        with self._turns if self._turns is not None and shared else nullcontext():
             handle = self._take() or self._open()
             try:
                 yield handle

@@ -24,7 +24,7 @@ from geomesh.bands import (
 )
 from geomesh.errors import SourceError, one_line
 from geomesh.grid import Grid, Window
-from geomesh.handles import Borrowed, close_handles, handles, is_remote
+from geomesh.handles import CACHE_BYTES, Borrowed, close_handles, handles, is_remote
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 
@@ -140,14 +140,21 @@ class Scene:
         if isinstance(self.source, Excerpt):
             bands, valid = self.source.read(there, shape, [band.index - 1 for band in self.bands])
         elif isinstance(self.source, str):
-            # Decimated windows do not overlap, so they need not take turns.
-            lent = handles(self.reading, self.source, self.size).lend(overlapping=shape is None)
+            # Decimated windows do not overlap: there is nothing to share, but for a scene that
+            # the cache of one handle holds, which then need not be decoded again.
+            shared = shape is None or self._fits_cache
+            lent = handles(self.reading, self.source, self.size).lend(shared=shared)
             with lent as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
         else:
             with self.source.lend() as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
         return bands, self._narrowed(bands, valid, there)
+
+    @property
+    def _fits_cache(self) -> bool:
+        pixels = self.window.width * self.window.height
+        return pixels * len(self.bands) * self.dtype.itemsize <= CACHE_BYTES
 
     def _read_dataset(
         self, dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int] | None

@@ -20,6 +20,9 @@ from geomesh.cli.places import keep_inputs
 from geomesh.errors import OutputError
 from geomesh.rules import STATISTICS
 
+# A process writes each layer of a GeoPackage, as far as there are cores.
+_MOST_LAYERS = 3
+
 
 @dataclass(frozen=True)
 class Job:
@@ -104,16 +107,14 @@ def mesh(
     with ExitStack() as stack:
         with guarded(console, debug) as problems:
             if jobs:
-                from geomesh.cluster import open_cluster
                 from geomesh.io.scribe import Scribes
-                from geomesh.job import mesh_file
-                from geomesh.mesh import LAYERS
-                from geomesh.workers import open_crew
 
-                working = open_crew(workers) if scheduler is None else open_cluster(scheduler)
-                crew = stack.enter_context(working)
-                # A process for each layer that can be written at the same time.
-                scribes = stack.enter_context(Scribes(min(crew.size, len(LAYERS))))
+                scribes = stack.enter_context(
+                    Scribes(min(workers or os.cpu_count() or 1, _MOST_LAYERS))
+                )
+                scribes.warm()  # they load while this process does
+                crew = stack.enter_context(_open_crew(workers, scheduler))
+                from geomesh.job import mesh_file
         if problems:
             failures, jobs = failures + problems, []
         for job in jobs:
@@ -154,6 +155,17 @@ def mesh(
     elif len(jobs) > 1 and progress != "jsonl":
         _print_table(outcomes)
     sys.exit(1 if failures else 0)
+
+
+def _open_crew(workers: int | None, scheduler: str | None) -> Any:
+    """Return the crew as a context: threads, or those of the cluster."""
+    if scheduler is None:
+        from geomesh.workers import open_crew
+
+        return open_crew(workers)
+    from geomesh.cluster import open_cluster
+
+    return open_cluster(scheduler)
 
 
 def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list[Job], Path | None]:
