@@ -8,6 +8,7 @@ from typing import Any
 
 from geomesh.io.scribe import Scribes
 from geomesh.io.vector import open_writer
+from geomesh.memory import give_back
 from geomesh.mesh import LayerName, Mesh
 from geomesh.pipeline import mesh_scene
 from geomesh.recipe import Recipe
@@ -60,6 +61,12 @@ def mesh_file(
         path, crew.local, layers=layers, driver=driver, overwrite=overwrite, scribes=scribes
     ) as writer:
         scene = open_scene(source, **reading)
-        mesh = mesh_scene(scene, recipe, crew, part_of(progress, 0, 0.8), shaped=writer.begin)
+
+        def begin(shaped: Mesh) -> None:
+            give_back()  # detecting takes more than what follows
+            writer.begin(shaped)
+
+        mesh = mesh_scene(scene, recipe, crew, part_of(progress, 0, 0.8), shaped=begin)
+        give_back()  # GDAL's cache, now that the pixels are read
         writer.finish(mesh, part_of(progress, 0.8, 1))
     return mesh

@@ -86,7 +86,8 @@ def mesh_raster(
         to the last bit whatever their number.
     executor : concurrent.futures.Executor, optional
         Takes the place of geomesh's own threads: processes, or a Dask cluster's
-        ``Client.get_executor()``. They open the source by its path.
+        ``Client.get_executor()``, which cannot tell its size: give `workers`, too. They
+        open the source by its path.
     progress : bool or callable(fraction, message)
         True shows a progress bar; a callable may raise to cancel.
     **values

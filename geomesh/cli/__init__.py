@@ -16,10 +16,10 @@ import click
 from geomesh._version import __version__
 from geomesh.cli.convert import convert
 from geomesh.cli.info import info
-from geomesh.cli.memory import keep_freed_memory
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.stages import stages
+from geomesh.memory import keep_freed_memory
 
 _INTERRUPTED = 130
 _TERMINATED = 143
