@@ -31,6 +31,7 @@ from test_bad_output import PROGRAM
 import geomesh
 from geomesh import workers
 from geomesh.errors import SourceError, WorkerError
+from geomesh.handles import CACHE_BYTES
 from geomesh.raster import Scene
 from geomesh.workers import Crew, open_crew
 
@@ -366,7 +367,7 @@ def test_settings_of_the_process_are_restored_when_the_last_mesh_is_done(olinda:
         first.__exit__(None, None, None)
         inside.append((cv2.getNumThreads(), get_gdal_config("GDAL_CACHEMAX")))
         second.__exit__(None, None, None)
-        assert inside == [(1, 192_000_000)]
+        assert inside == [(1, CACHE_BYTES)]
         assert (cv2.getNumThreads(), get_gdal_config("GDAL_CACHEMAX")) == (3, 77_000_000)
         with pytest.raises(SourceError):
             geomesh.mesh_raster("missing.tif")
@@ -388,7 +389,7 @@ def test_settings_of_the_caller_reach_the_workers(pool: ProcessPoolExecutor, apa
         with rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_CACHEMAX=64_000_000):
             rasterio.env.setenv(AWS_SECRET_ACCESS_KEY="xyz")
             assert list(crew.map(option_of, options)) == ["EMPTY_DIR", "xyz", 64_000_000]
-        assert list(crew.map(option_of, options)) == [None, None, 192_000_000]
+        assert list(crew.map(option_of, options)) == [None, None, CACHE_BYTES]
     assert list(ask(options[:2])) == [None, None]
 
 
