@@ -193,14 +193,11 @@ def open_raster(name: str) -> rasterio.DatasetReader:
             return rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:
         path = Path(name)
-        if is_remote(name):
-            reason = f"is not a raster that GDAL can open ({one_line(error)})"
-        elif not path.exists():
+        reason = f"is not a raster that GDAL can open ({one_line(error)})"
+        if not is_remote(name) and not path.exists():
             reason = "no such file; check the path"
-        elif path.is_dir():
+        elif not is_remote(name) and path.is_dir():
             reason = "is a folder; name the raster files in it"
-        else:
-            reason = f"is not a raster that GDAL can open ({one_line(error)})"
         raise SourceError(f"{name}: {reason}") from error
 
 

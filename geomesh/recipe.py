@@ -57,8 +57,8 @@ class Recipe:
         The image that SIFT looks at: the gray one, or the Canny edge map.
     sift_upsample : bool
         Look for keypoints in the image at twice its size, as SIFT does. False: at its
-        own size, smoothed over 2 x 2 pixels; that takes about a third of the time and
-        leaves the finest keypoints out.
+        own size, smoothed over 2 x 2 pixels; that takes less than half of the time and
+        leaves the finest keypoints out, which are most of them.
     sift_max_octave : int or None
         Highest octave kept (-1 is the doubled image, 0 the native one). A cap
         makes keypoints local, which tiles need; None keeps all.
