@@ -14,6 +14,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -37,6 +38,7 @@ from test_bad_input import (
 
 import geomesh
 from geomesh.errors import GeomeshError, OutputError
+from geomesh.io.atomic import staged
 from geomesh.io.read import read_mesh
 
 __all__ = ["command"]  # a fixture, used by its name
@@ -368,3 +370,24 @@ def test_reader_of_the_output_may_stop_reading(tmp_path: Path, style: str) -> No
         assert read_mesh(output).certify().passed
     else:
         assert done.returncode == 1
+
+
+@pytest.mark.parametrize("step", ["rmtree", "mkdtemp"])
+def test_request_to_end_does_not_interrupt_the_cleaning_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    """A broken pipe and, while its folder is removed, a signal: what a killed QGIS gives."""
+    module = shutil if step == "rmtree" else tempfile
+    done = getattr(module, step)
+
+    def disturbed(*arguments: Any, **options: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        made = done(*arguments, **options)
+        signal.raise_signal(signal.SIGINT)
+        return made
+
+    monkeypatch.setattr(module, step, disturbed)
+    with pytest.raises(KeyboardInterrupt), staged(tmp_path / "a.gpkg", ".gpkg", overwrite=False):
+        raise BrokenPipeError
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

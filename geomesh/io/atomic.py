@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import stat
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -78,9 +80,10 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
         If the file cannot be put in place.
     """
     place = Path(os.path.realpath(target))
-    with _failures_told(target):
-        folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
+    folder: Path | None = None
     try:
+        with _failures_told(target), undisturbed():
+            folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
         finished = folder / f"output{suffix}"
         yield finished
         with _failures_told(target):
@@ -89,7 +92,38 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
                 raise OutputError(f"{target} was made by another program meanwhile; it was kept")
             _replace(finished, place)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        if folder is not None:
+            with undisturbed():
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Let Ctrl-C and a request to end wait until the block, which must be short, is done.
+
+    They come as exceptions in the main thread, anywhere: in the middle of cleaning up after
+    another one, they would leave the rest of it lying about.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        waiting.append(number)
+
+    handlers = {
+        number: signal.signal(number, note)
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if callable(signal.getsignal(number))
+    }
+    try:
+        yield
+    finally:
+        for kind, handler in handlers.items():
+            signal.signal(kind, handler)
+        for first in waiting[:1]:
+            signal.raise_signal(first)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from geomesh.errors import OutputError
-from geomesh.io.atomic import check_place, staged
+from geomesh.io.atomic import check_place, staged, undisturbed
 from geomesh.io.document import describe
 from geomesh.io.feed import Feed
 from geomesh.io.formats import GPKG, Format, find_format
@@ -127,7 +127,8 @@ def open_writer(
         try:
             yield writer
         finally:
-            writer.stop()
+            with undisturbed():
+                writer.stop()
 
 
 class MeshWriter:
