@@ -15,11 +15,13 @@ from pathlib import Path
 
 import geopandas as gpd
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pyogrio
 import pytest
 import shapely
 from affine import Affine
+from conftest import SAMPLES
 from pyproj import CRS, Transformer
 from scipy.spatial import ConvexHull, Delaunay
 
@@ -778,3 +780,35 @@ def test_names_that_others_stumble_over(tmp_path: Path, name: str) -> None:
     path = write_mesh(mesh, tmp_path / f"{name}.gpkg")
     assert path.is_file()
     assert np.array_equal(read_mesh(path).nodes, mesh.nodes)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.array([1, -2, 3], np.int32),
+        np.array([1.5, np.nan, -np.inf]),
+        np.array([0.25, 0.5], np.float32)[::-1],
+        np.array([True, False, True] * 7),
+        np.array(["", "feature", "border"]),
+        np.array(["straße", "b"]),
+        np.array([], np.float64),
+        np.array([], "U3"),
+    ],
+    ids=lambda values: f"{values.dtype.str}-{len(values)}",
+)
+def test_columns_are_the_arrow_arrays_that_pyarrow_makes(values):
+    column = batches._attribute(values)
+    column.validate(full=True)
+
+    assert column.equals(pa.array(values, from_pandas=values.dtype.kind == "f"))
+
+
+def test_the_command_does_without_pandas(tmp_path):
+    """It takes half a second, and pyarrow imports it as soon as it is asked for an array."""
+    command = [sys.executable, "-X", "importtime", "-m", "geomesh", "mesh"]
+    files = [SAMPLES / "rmnp_dem.tif", "-o", tmp_path / "mesh.gpkg"]
+    run = subprocess.run([*command, *files], capture_output=True, text=True)
+    modules = {line.rpartition("|")[2].strip() for line in run.stderr.splitlines()}
+    assert run.returncode == 0, run.stderr
+    assert "pyarrow" in modules
+    assert "pandas" not in modules

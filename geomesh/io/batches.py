@@ -21,6 +21,7 @@ from geomesh.table import Table
 GeometryType = Literal["Point", "LineString", "Polygon"]
 
 _LITTLE_ENDIAN = 1
+_NO_ASCII = 128
 _WKB_CODES: dict[GeometryType, int] = {"Point": 1, "LineString": 2, "Polygon": 3}
 _WKB_COUNTS: dict[GeometryType, tuple[str, ...]] = {
     "Point": (),
@@ -102,8 +103,36 @@ class Layer:
 
 
 def _attribute(values: NDArray[Any]) -> pa.Array:
-    """Return a column; NaN becomes null, which every format knows."""
-    return pa.array(values, from_pandas=values.dtype.kind == "f")
+    """Return a column; NaN becomes null, which every format knows.
+
+    Numbers and plain text by their buffers: the first call of `pyarrow.array` imports pandas,
+    which takes half a second and is not needed.
+    """
+    if values.dtype.kind == "U":
+        return _text(values)
+    if values.dtype.kind not in "biuf":
+        return pa.array(values)
+    known = None
+    if values.dtype.kind == "f" and (missing := np.isnan(values)).any():
+        known = _bits(~missing)
+    data = _bits(values) if values.dtype.kind == "b" else pa.py_buffer(np.ascontiguousarray(values))
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [known, data])
+
+
+def _bits(values: NDArray[np.bool_]) -> pa.Buffer:
+    return pa.py_buffer(np.packbits(values, bitorder="little"))
+
+
+def _text(values: NDArray[np.str_]) -> pa.Array:
+    letters = np.ascontiguousarray(values).view(np.uint32)
+    letters = letters.reshape(len(values), values.dtype.itemsize // letters.itemsize)
+    if letters.max(initial=0) >= _NO_ASCII:
+        return pa.array(values)
+    used = letters != 0
+    offsets = np.zeros(len(values) + 1, np.int32)
+    np.cumsum(np.count_nonzero(used, axis=1), out=offsets[1:])
+    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(letters.astype(np.uint8)[used])]
+    return pa.Array.from_buffers(pa.string(), len(values), buffers)
 
 
 def wkb(xy: NDArray[np.float64], geometry_type: GeometryType) -> NDArray[Any]:
