@@ -17,7 +17,7 @@ from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.io.batches import Layer
 from geomesh.io.feed import Feed
-from geomesh.io.formats import GPKG
+from geomesh.io.formats import GPKG, LayerFile
 from geomesh.io.layers import _write_gdal
 from geomesh.io.vector import write_mesh
 from geomesh.mesh import LayerName
@@ -51,7 +51,7 @@ def run(*, quick: bool) -> Iterator[Row]:
 
         def step() -> None:
             one.unlink(missing_ok=True)
-            _write_gdal(mesh, layer, one, Feed(SimpleQueue()), "{}", GPKG, None)
+            _write_gdal(layer, LayerFile(mesh, LAYER, one, GPKG, "{}"), Feed(SimpleQueue()), None)
 
         def step_peer() -> None:
             other.unlink(missing_ok=True)

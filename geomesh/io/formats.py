@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from geomesh.errors import OutputError
-from geomesh.mesh import LAYERS, LayerName
+from geomesh.mesh import LAYERS, LayerName, Mesh
 
 GEOMETRY = "geometry"
 BBOX = "bbox"
@@ -63,6 +63,27 @@ FLATGEOBUF = Format("FlatGeobuf", (".fgb",), layer_options={"SPATIAL_INDEX": "YE
 PARQUET = Format("Parquet", (".parquet", ".geoparquet"), reserved=(BBOX,), by_gdal=False)
 UGRID = Format("UGRID", (".nc",), layers=("triangles",), by_gdal=False)
 FORMATS = (GPKG, GEOJSON, FLATGEOBUF, PARQUET, UGRID)
+
+
+@dataclass(frozen=True, eq=False)
+class LayerFile:
+    """A layer of a mesh and the file that is to hold it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    name : {"triangles", "edges", "nodes"}
+    path : Path
+    format : Format
+    document : str
+        The metadata document of `geomesh.io.document`.
+    """
+
+    mesh: Mesh
+    name: LayerName
+    path: Path
+    format: Format
+    document: str
 
 
 def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:

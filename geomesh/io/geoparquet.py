@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pyarrow.parquet as pq
-from pyproj import CRS
 
 from geomesh.io.batches import Layer
 from geomesh.io.document import KEY
 from geomesh.io.feed import Feed
-from geomesh.io.formats import BBOX, GEOMETRY
+from geomesh.io.formats import BBOX, GEOMETRY, LayerFile
 
 
-def write_geoparquet(
-    layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, document: str
-) -> None:
+def write_geoparquet(layer: Layer, file: LayerFile, feed: Feed) -> None:
     """Write a layer with the bounding box of every row, by which readers skip row groups.
 
     Parameters
     ----------
     layer : Layer
-    path : Path
+    file : LayerFile
+        Its document is stored beside the `geo` key.
     feed : Feed
         Hands out the batches; each becomes a row group.
-    crs : pyproj.CRS, optional
-    document : str
-        The metadata document, stored beside the `geo` key.
     """
+    crs = file.mesh.grid.crs
     sides = ("xmin", "ymin", "xmax", "ymax")
     column = {
         "encoding": "WKB",
@@ -39,8 +34,8 @@ def write_geoparquet(
         "covering": {"bbox": {side: [BBOX, side] for side in sides}},
     }
     geo = {"version": "1.1.0", "primary_column": GEOMETRY, "columns": {GEOMETRY: column}}
-    metadata = {"geo": json.dumps(geo), KEY: document}
+    metadata = {"geo": json.dumps(geo), KEY: file.document}
     schema = layer.schema(GEOMETRY, bbox=BBOX).with_metadata(metadata)
-    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+    with pq.ParquetWriter(file.path, schema, compression="zstd") as writer:
         for batch in feed.batches(layer, GEOMETRY, bbox=BBOX):
             writer.write_batch(batch)

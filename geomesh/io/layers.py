@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import threading
 from contextlib import suppress
-from pathlib import Path
 
 import pyarrow as pa
 
@@ -18,13 +17,12 @@ from geomesh.errors import OutputError
 from geomesh.io.batches import Layer
 from geomesh.io.document import KEY
 from geomesh.io.feed import Feed
-from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format
+from geomesh.io.formats import GEOJSON, GPKG, PARQUET, UGRID, Format, LayerFile
 from geomesh.io.geojson import LonLatLayer
 from geomesh.io.geoparquet import write_geoparquet
 from geomesh.io.meshfile import write_ugrid
 from geomesh.io.scribe import Scribes, write_arrow
 from geomesh.io.verify import count_rows
-from geomesh.mesh import LayerName, Mesh
 
 _thread = threading.local()
 
@@ -32,16 +30,16 @@ _thread = threading.local()
 _in_process = threading.Lock()
 
 
-def write_layer(
-    mesh: Mesh,
-    name: LayerName,
-    path: Path,
-    feed: Feed,
-    document: str,
-    file_format: Format,
-    scribes: Scribes | None,
-) -> None:
+def write_layer(file: LayerFile, feed: Feed, scribes: Scribes | None) -> None:
     """Write one layer of a mesh to a file, and look whether it arrived there.
+
+    Parameters
+    ----------
+    file : LayerFile
+    feed : Feed
+        Hands out the rows.
+    scribes : Scribes, optional
+        Who writes what GDAL writes; this process by default.
 
     Raises
     ------
@@ -52,17 +50,17 @@ def write_layer(
     GeoreferenceError
         If GeoJSON is asked for and the nodes have no longitude and latitude.
     """
-    layer = (LonLatLayer if file_format is GEOJSON else Layer).of(mesh, name)
-    _check_columns(layer, file_format)
-    if file_format is PARQUET:
-        write_geoparquet(layer, path, feed, crs=mesh.grid.crs, document=document)
-    elif file_format is UGRID:
-        write_ugrid(layer, path, feed, crs=mesh.grid.crs, document=document)
+    layer = (LonLatLayer if file.format is GEOJSON else Layer).of(file.mesh, file.name)
+    _check_columns(layer, file.format)
+    if file.format is PARQUET:
+        write_geoparquet(layer, file, feed)
+    elif file.format is UGRID:
+        write_ugrid(layer, file, feed)
     else:
-        _write_gdal(mesh, layer, path, feed, document, file_format, scribes)
-    found = count_rows(path, name, file_format.driver)
+        _write_gdal(layer, file, feed, scribes)
+    found = count_rows(file.path, file.name, file.format.driver)
     if found != len(layer):
-        raise OSError(f"only {found} of {len(layer)} {name} arrived in the file")
+        raise OSError(f"only {found} of {len(layer)} {file.name} arrived in the file")
 
 
 def _check_columns(layer: Layer, file_format: Format) -> None:
@@ -79,28 +77,20 @@ def _check_columns(layer: Layer, file_format: Format) -> None:
         taken.add(key)
 
 
-def _write_gdal(
-    mesh: Mesh,
-    layer: Layer,
-    path: Path,
-    feed: Feed,
-    document: str,
-    file_format: Format,
-    scribes: Scribes | None,
-) -> None:
-    crs = None if file_format is GEOJSON else mesh.grid.crs
-    geometry = file_format.geometry
+def _write_gdal(layer: Layer, file: LayerFile, feed: Feed, scribes: Scribes | None) -> None:
+    crs = None if file.format is GEOJSON else file.mesh.grid.crs
+    geometry = file.format.geometry
     schema, batches = layer.schema(geometry), feed.batches(layer, geometry)
     options = {
-        "path": str(path),
-        "layer": layer.name,
-        "driver": file_format.driver,
+        "path": str(file.path),
+        "layer": file.name,
+        "driver": file.format.driver,
         "geometry_name": geometry,
         "geometry_type": layer.geometry_type,
         "crs": crs.to_wkt() if crs else None,
-        "layer_metadata": {KEY: document},
-        "dataset_options": dict(file_format.dataset_options),
-        "layer_options": _layer_options(mesh, layer, document, file_format),
+        "layer_metadata": {KEY: file.document},
+        "dataset_options": dict(file.format.dataset_options),
+        "layer_options": _layer_options(file),
     }
     if scribes is not None:
         scribes.write(schema, batches, options)
@@ -110,14 +100,14 @@ def _write_gdal(
             write_arrow(pa.RecordBatchReader.from_batches(schema, batches), options)
 
 
-def _layer_options(mesh: Mesh, layer: Layer, document: str, file_format: Format) -> dict[str, str]:
+def _layer_options(file: LayerFile) -> dict[str, str]:
     description = (
-        f"{layer.name.capitalize()} of a mesh of {len(mesh.nodes)} nodes and "
-        f"{len(mesh.triangles)} triangles, written by geomesh {__version__}"
+        f"{file.name.capitalize()} of a mesh of {len(file.mesh.nodes)} nodes and "
+        f"{len(file.mesh.triangles)} triangles, written by geomesh {__version__}"
     )
-    options = {**file_format.layer_options, "DESCRIPTION": description}
-    if file_format is GEOJSON:
-        collection = {"type": "FeatureCollection", KEY: json.loads(document)}
+    options = {**file.format.layer_options, "DESCRIPTION": description}
+    if file.format is GEOJSON:
+        collection = {"type": "FeatureCollection", KEY: json.loads(file.document)}
         options |= {
             # Coordinates come rounded: COORDINATE_PRECISION would turn 44.9999997 into 45.
             "SIGNIFICANT_FIGURES": "17",

@@ -7,7 +7,6 @@ from it; ParaView and xugrid read it too.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from geomesh._version import __version__
 from geomesh.io.batches import Layer
 from geomesh.io.document import KEY
 from geomesh.io.feed import Feed
+from geomesh.io.formats import LayerFile
 
 FACES = "mesh_face_nodes"
 
@@ -39,7 +39,7 @@ _UNITS = {
 _MOST_COLORS = 4096
 
 
-def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, document: str) -> None:
+def write_ugrid(layer: Layer, file: LayerFile, feed: Feed) -> None:
     """Write the triangles of a mesh and their attributes.
 
     Parameters
@@ -48,19 +48,18 @@ def write_ugrid(layer: Layer, path: Path, feed: Feed, *, crs: CRS | None, docume
         The triangles. Attributes become data on faces as float64, `color` as
         65536 red + 256 green + blue, rounded to fewer levels of each until there are
         at most 4096 colours. Other texts are left out: NetCDF has no place for them.
-    path : Path
+    file : LayerFile
+        Its document is stored as a global attribute.
     feed : Feed
         Is told of the rows.
-    crs : pyproj.CRS, optional
-    document : str
-        The metadata document, stored as a global attribute.
     """
+    crs = file.mesh.grid.crs
     corners = layer.vertices[:, :3]
     # 64-bit offsets: the file may be larger than 2 GB.
-    with netcdf_file(path, "w", version=2) as dataset:
+    with netcdf_file(file.path, "w", version=2) as dataset:
         dataset.Conventions = "CF-1.8 UGRID-1.0"
         dataset.source = f"geomesh {__version__}"
-        setattr(dataset, KEY, document.encode())
+        setattr(dataset, KEY, file.document.encode())
         dataset.createDimension("mesh_node", len(layer.points))
         dataset.createDimension("mesh_face", len(corners))
         dataset.createDimension("three", 3)

@@ -9,13 +9,12 @@ from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
 
 from geomesh.errors import OutputError
 from geomesh.io.atomic import check_place, staged, undisturbed
 from geomesh.io.document import describe
 from geomesh.io.feed import Feed
-from geomesh.io.formats import GPKG, Format, find_format
+from geomesh.io.formats import GPKG, Format, LayerFile, find_format
 from geomesh.io.geopackage import PENDING, can_join, join_layers
 from geomesh.io.scribe import Scribes
 from geomesh.mesh import LAYERS, LayerName, Mesh
@@ -182,11 +181,10 @@ class MeshWriter:
     def finish(self, mesh: Mesh, progress: Progress) -> None:
         """Write the mesh if it passes its certificate; raise as `write_mesh` does."""
         progress(0.0, "Writing")
-        certifying = self._threads.submit(mesh.certify)
         if self._apart:
             for name in self._names:
                 self._start(mesh, name, PENDING)
-        certificate = certifying.result()
+        certificate = mesh.certify()
         certificate.require()
         document = describe(mesh, certificate)
         if not self._apart:
@@ -211,8 +209,8 @@ class MeshWriter:
     def _start(self, mesh: Mesh, name: LayerName, document: str) -> None:
         if name not in self._feeds:
             feed = self._feeds[name] = Feed(self._news)
-            task = (mesh, name, self._file(name), feed, document, self._format, self._scribes)
-            self._written[name] = self._threads.submit(_write_layer, *task)
+            file = LayerFile(mesh, name, self._file(name), self._format, document)
+            self._written[name] = self._threads.submit(_write_layer, file, feed, self._scribes)
             self._written[name].add_done_callback(lambda _: self._news.put(None))
 
     def _file(self, name: LayerName) -> Path:
@@ -281,11 +279,11 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
     return chosen
 
 
-def _write_layer(*task: Any) -> None:
+def _write_layer(file: LayerFile, feed: Feed, scribes: Scribes | None) -> None:
     # What writes files is loaded by the thread that needs it.
     from geomesh.io.layers import write_layer
 
-    write_layer(*task)
+    write_layer(file, feed, scribes)
 
 
 def _is_failed_write(error: Exception) -> bool:
