@@ -12,11 +12,16 @@ from geomesh.preprocess import Gray
 from geomesh.recipe import Recipe
 from geomesh.tiles import plan_tiles
 
-# Automatic thresholds look at the whole image up to this size, else at 4 x 4 blocks.
+# Automatic thresholds look at the whole image up to this size, else at a block of it in each
+# cell of a grid, for thresholds within a few percent of those of all pixels.
 _SAMPLE_SIZE = 1024
-_SAMPLE_BLOCK = 256
-_SAMPLE_BLOCKS = 16
+_SAMPLE_CELLS = 7
+_SAMPLE_BLOCK = 192
 _SAMPLE_PIXELS = 65_536
+
+# Where in its cell a block lies: a sequence that fills a square evenly (Roberts 2018, "R2"). At
+# even distances the blocks might meet the same part of a pattern again and again.
+_STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def canny_thresholds(image: GrayImage, recipe: Recipe) -> Thresholds:
@@ -37,7 +42,7 @@ def _samples(image: GrayImage) -> list[tuple[Gray, NDArray[np.bool_]]]:
     if len(windows) > 1:  # where data are sparse, go through the tiles until there are enough
         windows += [tile.core for tile in plan_tiles(image.extent)]
     for count, window in enumerate(windows):
-        if count >= _SAMPLE_BLOCKS and found >= _SAMPLE_PIXELS:
+        if count >= _SAMPLE_CELLS**2 and found >= _SAMPLE_PIXELS:
             break
         gray, valid = image.read(window)
         found += int(np.count_nonzero(valid))
@@ -48,7 +53,11 @@ def _samples(image: GrayImage) -> list[tuple[Gray, NDArray[np.bool_]]]:
 def _sample_windows(extent: Window) -> list[Window]:
     if max(extent.width, extent.height) <= _SAMPLE_SIZE:
         return [extent]
-    half = _SAMPLE_BLOCK // 2
-    columns = [round(extent.width * (k + 0.5) / 4) - half for k in range(4)]
-    rows = [round(extent.height * (k + 0.5) / 4) - half for k in range(4)]
-    return [Window(c, r, 2 * half, 2 * half).clip(extent) for r in rows for c in columns]
+    windows = []
+    for k in range(_SAMPLE_CELLS**2):
+        row, col = divmod(k, _SAMPLE_CELLS)
+        x = (col + k * _STEPS[0] % 1) * extent.width / _SAMPLE_CELLS
+        y = (row + k * _STEPS[1] % 1) * extent.height / _SAMPLE_CELLS
+        corner = round(x) - _SAMPLE_BLOCK // 2, round(y) - _SAMPLE_BLOCK // 2
+        windows.append(Window(*corner, _SAMPLE_BLOCK, _SAMPLE_BLOCK).clip(extent))
+    return windows

@@ -178,13 +178,26 @@ def test_no_keypoint_on_nodata_nor_caused_by_it(large):
     assert np.quantile(distance, 0.98) < 0.1
 
 
-def test_automatic_thresholds_are_the_median_gradient_and_twice_that(large):
-    gray = large[:600, :600]
+def median_gradient(gray):
     border = cv2.BORDER_REPLICATE
     dx = cv2.Sobel(gray, cv2.CV_64F, 1, 0, borderType=border)
     dy = cv2.Sobel(gray, cv2.CV_64F, 0, 1, borderType=border)
     magnitude = np.hypot(dx, dy)
-    median = np.median(magnitude[magnitude > 0])
+    return np.median(magnitude[magnitude > 0])
+
+
+@pytest.mark.parametrize("shape", [(1025, 1025), (2048, 2048), (4096, 4096), (6000, 1500)])
+def test_automatic_thresholds_of_a_large_image_are_about_those_of_all_its_pixels(shape):
+    """Of one that repeats itself, too, as fields and mosaics do."""
+    gray = mirrored(SAMPLES / "iguacu_landsat8_rgb_uint16.tif", *shape[::-1])[0]
+    gray = np.clip((gray - 6500) / 15, 0, 255).astype(np.uint8)
+    found = canny_thresholds(ArrayGray.whole(gray, np.ones(shape, bool)), Recipe())
+    assert found.low == pytest.approx(median_gradient(gray), rel=0.06)
+
+
+def test_automatic_thresholds_are_the_median_gradient_and_twice_that(large):
+    gray = large[:600, :600]
+    median = median_gradient(gray)
     found = canny_thresholds(ArrayGray.whole(gray, np.ones(gray.shape, bool)), Recipe())
     assert (found.low, found.high) == pytest.approx((median, 2 * median))
     given_one = canny_thresholds(
