@@ -32,3 +32,16 @@ def plain_bands(bands: NDArray[Any]) -> NDArray[Any]:
     if bands.dtype.kind not in "iuf" or bands.dtype.itemsize > 8 or bands.dtype == np.float16:
         bands = bands.astype(np.float64)
     return np.ascontiguousarray(bands, dtype=bands.dtype.newbyteorder("="))
+
+
+def load_compiler() -> None:
+    """Load what numba needs before any first kernel, which takes about half a second.
+
+    Meant for a thread beside one that reads a file; the first kernel would load it otherwise.
+    """
+    _no_work()
+
+
+@kernel
+def _no_work() -> None:
+    pass

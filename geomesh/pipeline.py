@@ -21,6 +21,7 @@ from geomesh.detect import detect
 from geomesh.errors import GeomeshWarning, WorkerError
 from geomesh.grayimage import SceneGray
 from geomesh.grid import Grid
+from geomesh.jit import load_compiler
 from geomesh.mesh import Mesh
 from geomesh.nodes import NodeSet, place_nodes
 from geomesh.overview import read_overview
@@ -139,6 +140,7 @@ def mesh_scene(
     _require_reach(scene, crew)
     notes = (*scene.notes, *_notes_on_memory(scene, recipe))
     _warn(notes)
+    crew.local.submit(load_compiler)
     with scene.open():
         tone = scene_tone(scene, recipe, crew, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
