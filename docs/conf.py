@@ -15,7 +15,7 @@ os.environ.pop("MPLBACKEND", None)
 
 project = "geomesh"
 author = "The geomesh developers"
-copyright = author
+copyright = author  # noqa: A001
 version = release = geomesh.__version__
 
 extensions = [
@@ -37,7 +37,7 @@ myst_heading_anchors = 3
 highlight_language = "none"
 smartquotes = False  # it would make one dash of the two of an option
 
-# The tutorial runs in every build, on what is installed: a stale page would be worse than a slow one.
+# The tutorial runs in every build: a stale page would be worse than a slow one.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
@@ -57,7 +57,11 @@ html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
-    "logo": {"text": "geomesh", "image_light": "_static/logo.svg", "image_dark": "_static/logo.svg"},
+    "logo": {
+        "text": "geomesh",
+        "image_light": "_static/logo.svg",
+        "image_dark": "_static/logo.svg",
+    },
     "navbar_align": "left",
     "navbar_end": ["theme-switcher"],
     "show_prev_next": True,

@@ -1,4 +1,4 @@
-"""The directive `parameters`: every parameter of a recipe, its value in each preset, its meaning."""
+"""The directive `parameters`: each parameter of a recipe, its value in each preset, its meaning."""
 
 import json
 import re
