@@ -66,7 +66,7 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypa
         if language == "python":
             exec(code, {})
             continue
-        for line in code.splitlines():
+        for line in code.replace("\\\n", "").splitlines():
             run_line(line)
 
 
@@ -90,7 +90,8 @@ def run_line(line: str) -> None:
 def test_every_command_in_the_documents_is_one_that_geomesh_takes():
     found = 0
     for document in DOCUMENTS:
-        for line in re.findall(r"^(?: {4})?(geomesh [a-z].*)$", document.read_text(), re.MULTILINE):
+        text = document.read_text().replace("\\\n", "")
+        for line in re.findall(r"^(?: {4})?(geomesh [a-z].*)$", text, re.MULTILINE):
             words = shlex.split(re.split(r" [>|] ", line)[0], comments=True)
             if words[1] not in cli.commands:
                 continue  # prose

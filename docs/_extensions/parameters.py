@@ -23,7 +23,8 @@ class Parameters(SphinxDirective):
 
 
 def table() -> Iterator[str]:
-    yield from (".. list-table::", "   :header-rows: 1", "   :class: parameters", "")
+    widths = f"   :widths: 22 {'13 ' * len(PRESETS)} 52"
+    yield from (".. list-table::", "   :header-rows: 1", "   :class: parameters", widths, "")
     yield from row("parameter", *PRESETS, "meaning")
     told = {
         name.strip(): " ".join(parameter.desc)
