@@ -26,6 +26,7 @@ extensions = [
     "mathml",
     "parameters",
 ]
+default_role = "code"  # what docstrings have between single backquotes
 exclude_patterns = ["_extensions", "_jupyter"]
 nitpicky = True
 
