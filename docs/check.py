@@ -45,14 +45,18 @@ class Page(HTMLParser):
 
 
 def main(site: Path) -> int:
-    # The theme's own templates lie among its static files.
-    found = (path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts)
-    pages = {path.resolve(): Page(path) for path in found}
+    pages = read(site)
     problems = [*outside(pages), *styles(site), *dangling(pages), *missing(pages, site)]
     for problem in problems:
         print(problem, file=sys.stderr)
     print(f"{len(pages)} pages, {len(problems)} problems")
-    return 1 if problems or not pages else 0
+    return 1 if problems else 0
+
+
+def read(site: Path) -> dict[Path, Page]:
+    # The theme's own templates lie among its static files.
+    found = (path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts)
+    return {path.resolve(): Page(path) for path in found}
 
 
 def outside(pages: dict[Path, Page]) -> Iterator[str]:
@@ -84,9 +88,9 @@ def dangling(pages: dict[Path, Page]) -> Iterator[str]:
 
 
 def missing(pages: dict[Path, Page], site: Path) -> Iterator[str]:
-    reference = pages[(site / "cli.html").resolve()]
+    reference = pages.get((site / "cli.html").resolve())
     for name in cli.commands:
-        if f"geomesh-{name}" not in reference.anchors:
+        if reference is None or f"geomesh-{name}" not in reference.anchors:
             yield f"cli.html does not tell of geomesh {name}"
 
 

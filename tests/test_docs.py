@@ -6,6 +6,7 @@ import importlib
 import json
 import pkgutil
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -101,6 +102,23 @@ def test_every_command_in_the_documents_is_one_that_geomesh_takes():
                 pytest.fail(f"{document.name}: {line}: {error.format_message()}")
             found += 1
     assert found > 30
+
+
+def test_the_check_of_the_site_finds_what_needs_a_network_or_leads_nowhere(tmp_path):
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    (tmp_path / "style.css").write_text('@import "https://fonts.example/a.css"; a {color: red}')
+    (tmp_path / "other.html").write_text("<p id=here></p>")
+    (tmp_path / "index.html").write_text(
+        """<script src="https://cdn.example/a.js"></script> <img src="//cdn.example/a.png">
+        <link rel="stylesheet" href="style.css"> <a href="https://example.org">fine</a>
+        <a href="other.html#here">fine</a> <a href="other.html#gone">no such place</a>
+        <a href="gone.html">not there</a> <a href="#gone">no such place</a>"""
+    )
+    pages = check["read"](tmp_path)
+    assert len(list(check["outside"](pages))) == 2
+    assert len(list(check["styles"](tmp_path))) == 1
+    assert len(list(check["dangling"](pages))) == 3
+    assert len(list(check["missing"](pages, tmp_path))) == len(cli.commands)
 
 
 def test_every_test_that_the_documents_name_exists():
