@@ -39,8 +39,7 @@ def main() -> None:
     for preset in ("features", "paper"):
         scene = open_scene(SAMPLES / "olinda_landsat7_rgb_uint8.tif")
         stages = run_stages(scene, geomesh.Recipe.from_preset(preset), silent)
-        figure = draw_stages(stages)
-        figure.savefig(IMAGES / f"olinda_stages_{preset}.png", dpi=72)
+        keep(draw_stages(stages), f"olinda_stages_{preset}", dpi=80)
     draw_hero()
     draw_how_to()
     draw_help()
@@ -147,9 +146,9 @@ def bright(colors: NDArray[Any]) -> NDArray[Any]:
     return np.clip(colors / max(np.percentile(colors, 99), 0.01), 0, 1)
 
 
-def keep(figure: Figure, name: str) -> None:
+def keep(figure: Figure, name: str, dpi: int = 110) -> None:
     """Save a figure for the documentation, with as many colours as the eye tells apart."""
-    figure.savefig(IMAGES / f"{name}.png", dpi=110, bbox_inches="tight", pad_inches=0.01)
+    figure.savefig(IMAGES / f"{name}.png", dpi=dpi, bbox_inches="tight", pad_inches=0.01)
     picture = Image.open(IMAGES / f"{name}.png").convert("RGB")
     picture.quantize(256, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)
 

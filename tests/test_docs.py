@@ -71,6 +71,16 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypa
             run_line(line)
 
 
+def test_pydelatin_does_what_is_said_of_it(monkeypatch, capsys):
+    pytest.importorskip("pydelatin")
+    monkeypatch.chdir(ROOT)
+    text = (ROOT / "docs" / "neighbours.md").read_text()
+    code = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0]
+    assert "from pydelatin" in code
+    exec(code, {})
+    assert capsys.readouterr().out.strip() == code.split("#")[-1].strip()
+
+
 def run_line(line: str) -> None:
     """Run a line as a shell would: geomesh in this process, which has loaded its libraries."""
     if not line.startswith("geomesh "):
