@@ -1,0 +1,290 @@
+"""Evaluate: the paper's Table 1 on any images, for the presets and for baselines beside them.
+
+Every image is looked at in two planes, and in each plane all methods get the same gray
+image and the same number of nodes:
+
+- "256x256", the plane of the `paper` preset: as many nodes as that preset finds there;
+- "native", the plane of the `features` preset: as many nodes as that one finds, at the
+  image's own resolution. Of an image of more than 2048 pixels a side it is the middle,
+  1024 x 1024 pixels, as in `geomesh stages`: so the work is bounded.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.baselines import baselines
+from geomesh.comparison import MEASURES, Comparison, Failure, Figures, Record
+from geomesh.detect import Detection, detect, shrink
+from geomesh.errors import EmptyError, GeomeshError, GeomeshWarning, one_line
+from geomesh.fidelity import compare, fit_surface
+from geomesh.figures import middle
+from geomesh.grayimage import ArrayGray, SceneGray
+from geomesh.grid import Grid, Points
+from geomesh.imagefiles import find_images
+from geomesh.nodes import NodeSet, place_nodes
+from geomesh.pipeline import scene_tone, triangulate
+from geomesh.preprocess import Gray
+from geomesh.progress import reporting
+from geomesh.quality import ki, measure
+from geomesh.raster import Scene
+from geomesh.recipe import Recipe
+from geomesh.render import FITS, MODELS, Fit, Model
+from geomesh.sources import open_scene
+from geomesh.tiles import Progress
+from geomesh.topology import Triangles
+from geomesh.triangulate import delaunay
+from geomesh.workers import Crew, open_crew
+
+PAPER, FEATURES = "paper", "features"
+
+# Points (N, 2) and triangles (T, 3).
+PlaneMesh = tuple[Points, Triangles]
+
+
+def evaluate(
+    sources: str | PathLike[str] | Iterable[str | PathLike[str]],
+    *,
+    bidx: Sequence[int] | None = None,
+    nodata: float | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: bool | Progress = False,
+) -> Comparison:
+    """Measure the presets and the baselines on images.
+
+    Parameters
+    ----------
+    sources : path, or iterable of paths
+        Files, folders and patterns: see `geomesh.imagefiles.find_images`.
+    bidx : sequence of int, optional
+        1-based bands to use; all but alpha by default.
+    nodata : float, optional
+        Takes the place of the files' own nodata values.
+    workers : int, optional
+        Images to work on at a time; one a core by default. The figures are the same to
+        the last bit whatever their number.
+    executor : concurrent.futures.Executor, optional
+        Takes the place of geomesh's own threads.
+    progress : bool or callable(fraction, message)
+        True shows a progress bar; a callable may raise to cancel.
+
+    Returns
+    -------
+    Comparison
+        An image that fails is among its failures, and does not keep the others.
+
+    Raises
+    ------
+    SourceError
+        If there is nothing to evaluate.
+
+    Examples
+    --------
+    >>> from geomesh.evaluate import evaluate
+    >>> comparison = evaluate("data_samples/olinda_landsat7_rgb_uint8.tif")
+    >>> found = {average.method: average.mean for average in comparison.overall()[:4]}
+    >>> round(found["paper"].ki, 2), round(found["random"].ki, 2)
+    (0, 0)
+    """
+    named = [sources] if isinstance(sources, str | PathLike) else sources
+    images = find_images(named)
+    with reporting(progress) as report, open_crew(workers, executor) as crew:
+        report(0.0, f"Evaluating {len(images)} images")
+        parts = []
+        for part in crew.map(_EvaluateImage(bidx, nodata), images):
+            parts.append(part)
+            report(len(parts) / len(images), f"Evaluating: image {len(parts)} of {len(images)}")
+    records = tuple(record for part in parts for record in part.records)
+    for record in records:
+        if not record.figures.triangles:
+            warnings.warn(
+                f"{record.image}: {record.method} finds no nodes that span an area in the plane "
+                f"{record.plane}; it has no figures there",
+                GeomeshWarning,
+                stacklevel=2,
+            )
+    return Comparison(records, tuple(failure for part in parts for failure in part.failures))
+
+
+@dataclass(frozen=True)
+class _EvaluateImage:
+    """Evaluates one image; what goes wrong is part of the result, so that others go on."""
+
+    bidx: Sequence[int] | None
+    nodata: float | None
+
+    def __call__(self, image: str) -> Comparison:
+        records: list[Record] = []
+        failures: list[Failure] = []
+        try:
+            scene = open_scene(image, bidx=self.bidx, nodata=self.nodata)
+            # A crew of its own: a worker that waits for tasks of its own crew waits forever.
+            with open_crew(1) as crew, scene.open():
+                for name, plane in _PLANES.items():
+                    try:
+                        records += _records(image, name, plane(scene, crew), crew)
+                    except GeomeshError as error:
+                        failures.append(Failure(image, name, str(error)))
+        except GeomeshError as error:
+            failures.append(Failure(image, "", str(error)))
+        except MemoryError:
+            failures.append(Failure(image, "", "not enough memory; use fewer workers"))
+        except Exception as error:  # of 200 images one may be what nobody thought of
+            why = f"{type(error).__name__}: {one_line(error)} (a defect of geomesh; report it)"
+            failures.append(Failure(image, "", why))
+        return Comparison(tuple(records), tuple(failures))
+
+
+def _records(image: str, name: str, plane: Plane, crew: Crew) -> Iterator[Record]:
+    height, width = plane.gray.shape
+    for method, mesh in plane.meshes():
+        figures = measure_figures(plane, mesh, crew)
+        yield Record(image, name, method, width, height, plane.wanted, figures)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A gray image on which methods are compared, and the meshes of the presets on it.
+
+    Parameters
+    ----------
+    gray : uint8 (H, W)
+    valid : bool (H, W)
+    wanted : int
+        Nodes that each method is asked for.
+    presets : mapping of str to (points, triangles)
+        In pixel-edge coordinates of the plane.
+    """
+
+    gray: Gray
+    valid: NDArray[np.bool_]
+    wanted: int
+    presets: Mapping[str, PlaneMesh]
+
+    def meshes(self) -> Iterator[tuple[str, PlaneMesh]]:
+        """Yield the mesh of each method: that of a baseline covers the hull of its nodes."""
+        yield from self.presets.items()
+        for method, place in baselines().items() if self.wanted else ():
+            points = place(self.gray, self.valid, self.wanted)
+            triangles, used = delaunay(points)
+            yield method, (points[used], np.searchsorted(used, triangles).astype(np.int32))
+
+
+def paper_plane(scene: Scene, crew: Crew) -> Plane:
+    """Return the gray image at 256 x 256 pixels, with the mesh of the `paper` preset.
+
+    The `features` preset gets the same gray image, and as many nodes. Where the `paper`
+    preset finds no keypoints that span an area, there is no number of nodes to compare at,
+    and nothing but its empty mesh.
+    """
+    recipe = Recipe.from_preset(PAPER)
+    assert recipe.resize is not None
+    tone = scene_tone(scene, recipe, crew, _silent)
+    plain, _ = shrink(SceneGray(scene, tone, sobel=False), recipe.resize, crew, _silent)
+    detection = detect(SceneGray(scene, tone, recipe.sobel), recipe, crew, _silent)
+    nodes, published = _mesh(detection, scene.grid, recipe, crew)
+    if nodes.domain.kind != recipe.domain:  # the frame, for want of keypoints
+        nothing = np.empty((0, 2)), np.empty((0, 3), np.int32)
+        return Plane(plain.gray, plain.valid, 0, {PAPER: nothing})
+    features = Recipe(nodes=len(nodes.points))
+    _, ours = _mesh(detect(plain, features, crew, _silent), Grid(*recipe.resize), features, crew)
+    presets = {PAPER: published, FEATURES: ours}
+    return Plane(plain.gray, plain.valid, len(nodes.points), presets)
+
+
+def native_plane(scene: Scene, crew: Crew) -> Plane:
+    """Return the gray image at its own resolution, with the mesh of the `features` preset."""
+    recipe = Recipe.from_preset(FEATURES)
+    scene = middle(scene)
+    image = SceneGray(scene, scene_tone(scene, recipe, crew, _silent), recipe.sobel)
+    nodes, mesh = _mesh(detect(image, recipe, crew, _silent), scene.grid, recipe, crew)
+    gray, valid = image.read(image.extent)
+    return Plane(gray, valid, len(nodes.points), {FEATURES: mesh})
+
+
+_PLANES: Mapping[str, Callable[[Scene, Crew], Plane]] = {
+    "256x256": paper_plane,
+    "native": native_plane,
+}
+
+
+def _mesh(
+    detection: Detection, grid: Grid, recipe: Recipe, crew: Crew
+) -> tuple[NodeSet, PlaneMesh]:
+    """Return the mesh as the pipeline makes it, and its shape in the plane."""
+    chosen = place_nodes(detection, grid, recipe)
+    nodes, triangles = triangulate(chosen, grid, detection.size, crew.local)
+    width, height = detection.size
+    return nodes, (nodes.points * (width / grid.width, height / grid.height), triangles)
+
+
+def measure_figures(plane: Plane, mesh: PlaneMesh, crew: Crew) -> Figures:
+    """Return the figures of a mesh in a plane."""
+    points, triangles = mesh
+    height, width = plane.gray.shape
+    if not len(triangles):
+        return Figures(**{**dict.fromkeys(MEASURES, math.nan), "nodes": 0.0, "triangles": 0.0})
+    summary = measure(points, triangles, size=(width, height)).summary()
+    measures, sides = summary["measures"], summary["mean_sides"]
+    angles = measures["min_angle"]
+    return Figures(
+        nodes=float(len(points)),
+        triangles=float(len(triangles)),
+        **sides,
+        ki=measures["ki"]["mean"],
+        ki_mean=measures["ki_mean"]["mean"],
+        ki_min=measures["ki_min"]["mean"],
+        ki_median=measures["ki"]["median"],
+        ki_of_sides=float(ki(**sides)),
+        ki_normalised=summary["ki_normalised"],
+        angle_mean=angles["mean"],
+        angle_median=angles["median"],
+        angle_p5=angles["p5"],
+        angle_under_10=summary["share_min_angle_under"]["10"],
+        **_fidelity(plane, mesh, crew),
+    )
+
+
+def _fidelity(plane: Plane, mesh: PlaneMesh, crew: Crew) -> dict[str, float]:
+    """Return the share of valid pixels in a triangle, PSNR over these, and over all of them."""
+    scene = open_scene((np.ma.array(plane.gray, mask=~plane.valid), None, None))
+    figures = {}
+    for model in MODELS:
+        for fit in FITS:
+            figures[f"psnr_{model}_{fit}"], pixels = _psnr(mesh, scene, model, fit, crew)
+    figures["covered"] = pixels / np.count_nonzero(plane.valid)
+    figures["psnr_whole"] = figures["psnr_linear_least_squares"]
+    if figures["covered"] < 1:
+        spread = _with_corners(mesh, scene.grid)
+        figures["psnr_whole"], _ = _psnr(spread, scene, "linear", "least_squares", crew)
+    return figures
+
+
+def _psnr(mesh: PlaneMesh, scene: Scene, model: Model, fit: Fit, crew: Crew) -> tuple[float, int]:
+    """Return PSNR in dB, and over how many pixels."""
+    surface = fit_surface(*mesh, scene, model=model, fit=fit, crew=crew, progress=_silent)
+    try:
+        found = compare(surface, scene, crew, _silent)
+    except EmptyError:  # the triangles are too small to hold the centre of a pixel
+        return math.nan, 0
+    return found.overall, found.pixels
+
+
+def _with_corners(mesh: PlaneMesh, grid: Grid) -> PlaneMesh:
+    """Return the Delaunay triangulation of the nodes and of the image's corners."""
+    w, h = grid.width, grid.height
+    points = np.unique(np.concatenate([mesh[0], [(0, 0), (w, 0), (0, h), (w, h)]]), axis=0)
+    return points, delaunay(points).triangles
+
+
+def _silent(_fraction: float, _message: str) -> None:
+    pass
