@@ -11,14 +11,12 @@ are fewer nodes; whoever compares has to tell the number.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from importlib.util import find_spec
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.edges import canny
-from geomesh.errors import MissingExtraError
 from geomesh.grayimage import ArrayGray
 from geomesh.grid import Points, snap
 from geomesh.jit import kernel
@@ -28,6 +26,8 @@ from geomesh.thresholds import canny_thresholds
 
 Mask = NDArray[np.bool_]
 Baseline = Callable[[Gray, Mask, int], Points]
+
+GREEDY = "greedy insertion"
 
 # Lots fall alike in every run.
 _SEED = 0
@@ -107,7 +107,7 @@ def shi_tomasi(gray: Gray, valid: Mask, n: int) -> Points:
     )
     if corners is None:
         return np.empty((0, 2))
-    return corners.reshape(-1, 2).astype(np.float64) + 0.5
+    return np.asarray(corners, np.float64).reshape(-1, 2) + 0.5
 
 
 def yang_error_diffusion(gray: Gray, valid: Mask, n: int) -> Points:
@@ -134,7 +134,7 @@ def yang_error_diffusion(gray: Gray, valid: Mask, n: int) -> Points:
             break
     row, col = np.nonzero(_diffuse(density * high))
     strongest = np.argsort(-density[row, col], kind="stable")[:n]
-    return np.column_stack([col, row])[strongest] + 0.5
+    return _centres(row[strongest], col[strongest])
 
 
 def _second_derivative(gray: Gray) -> NDArray[np.float64]:
@@ -182,18 +182,9 @@ def greedy_insertion(gray: Gray, valid: Mask, n: int) -> Points:
 
     By pydelatin. It begins with the corners of the image and knows of no mask: nodes on
     pixels that are not valid, which were filled with their nearest data, are left out.
-
-    Raises
-    ------
-    MissingExtraError
-        If pydelatin is not installed.
     """
-    try:
-        from pydelatin import Delatin
-    except ImportError as error:
-        raise MissingExtraError(
-            "pydelatin is not installed: pip install 'geomesh-toolkit[evaluate]'"
-        ) from error
+    from pydelatin import Delatin
+
     height, width = gray.shape
     if min(height, width) < 2:
         return np.empty((0, 2))
@@ -205,7 +196,7 @@ def greedy_insertion(gray: Gray, valid: Mask, n: int) -> Points:
         x, y, _ = Delatin(heights, max_error=0.0, max_points=limit).vertices.T.astype(int)
         kept = np.flatnonzero(valid[y, x])[:n]
         if len(kept) == n or len(x) < limit:
-            return np.column_stack([x, y])[kept] + 0.5
+            return _centres(y[kept], x[kept])
         limit *= 2
 
 
@@ -215,7 +206,12 @@ def _draw(mask: Mask, n: int) -> Points:
     lots = np.random.default_rng(_SEED)
     chosen = lots.choice(pixels, min(n, len(pixels)), replace=False, shuffle=False)
     row, col = np.divmod(np.sort(chosen), mask.shape[1])
-    return np.column_stack([col, row]) + 0.5
+    return _centres(row, col)
+
+
+def _centres(row: NDArray[np.integer], col: NDArray[np.integer]) -> Points:
+    centres: Points = np.column_stack([col, row]).astype(np.float64) + 0.5
+    return centres
 
 
 def baselines() -> Mapping[str, Baseline]:
@@ -227,6 +223,13 @@ def baselines() -> Mapping[str, Baseline]:
         "Shi-Tomasi": shi_tomasi,
         "Yang error diffusion": yang_error_diffusion,
     }
-    if find_spec("pydelatin") is not None:
-        known["greedy insertion"] = greedy_insertion
-    return known
+    return known | {GREEDY: greedy_insertion} if has_pydelatin() else known
+
+
+def has_pydelatin() -> bool:
+    """Tell whether greedy insertion can be had."""
+    try:
+        import pydelatin  # noqa: F401
+    except ImportError:
+        return False
+    return True

@@ -82,6 +82,9 @@ class Figures:
     psnr_whole: float
 
 
+# What a row of the table is about.
+ROWS = ("image", "mean", "median", "failed")
+
 MEASURES = tuple(field.name for field in fields(Figures))
 
 
@@ -134,11 +137,23 @@ class Average:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What could not be evaluated: an image, or one plane of it, and why, in one line."""
+    """What could not be evaluated.
+
+    Parameters
+    ----------
+    image : str
+    plane : str
+        Empty for the whole image.
+    error : str
+        Why not, in one line.
+    code : str
+        The kind of error: see `geomesh.errors`.
+    """
 
     image: str
     plane: str
     error: str
+    code: str
 
 
 @dataclass(frozen=True)
@@ -203,7 +218,8 @@ class Comparison:
             yield {"row": "mean", **about, **asdict(average.mean)}
             yield {"row": "median", **about, **asdict(average.median)}
         for failure in self.failures:
-            yield {"row": "failed", **asdict(failure)}
+            about = {"image": failure.image, "plane": failure.plane, "error": failure.error}
+            yield {"row": "failed", **about}
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return the records as a DataFrame, one row an image, plane and method."""
@@ -214,7 +230,12 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain JSON values; figures that are not finite are None."""
-        rows: dict[str, list[dict[str, Any]]] = {"image": [], "mean": [], "median": [], "failed": []}
+        rows: dict[str, list[dict[str, Any]]] = {
+            "image": [],
+            "mean": [],
+            "median": [],
+            "failed": [],
+        }
         for row in self.rows():
             plain = {name: _plain(value) for name, value in row.items() if name != "row"}
             rows[row["row"]].append(plain)

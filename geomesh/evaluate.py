@@ -21,13 +21,13 @@ from os import PathLike
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.baselines import baselines
+from geomesh.baselines import GREEDY, baselines, has_pydelatin
 from geomesh.comparison import MEASURES, Comparison, Failure, Figures, Record
 from geomesh.detect import Detection, detect, shrink
 from geomesh.errors import EmptyError, GeomeshError, GeomeshWarning, one_line
-from geomesh.fidelity import compare, fit_surface
+from geomesh.fidelity import compare
 from geomesh.figures import middle
-from geomesh.grayimage import ArrayGray, SceneGray
+from geomesh.grayimage import SceneGray
 from geomesh.grid import Grid, Points
 from geomesh.imagefiles import find_images
 from geomesh.nodes import NodeSet, place_nodes
@@ -39,6 +39,7 @@ from geomesh.raster import Scene
 from geomesh.recipe import Recipe
 from geomesh.render import FITS, MODELS, Fit, Model
 from geomesh.sources import open_scene
+from geomesh.surface import fit_surface
 from geomesh.tiles import Progress
 from geomesh.topology import Triangles
 from geomesh.triangulate import delaunay
@@ -97,22 +98,32 @@ def evaluate(
     """
     named = [sources] if isinstance(sources, str | PathLike) else sources
     images = find_images(named)
+    if not has_pydelatin():
+        why = "pydelatin is not installed (pip install 'geomesh-toolkit[evaluate]')"
+        warnings.warn(f"{why}: {GREEDY} is left out", GeomeshWarning, stacklevel=2)
     with reporting(progress) as report, open_crew(workers, executor) as crew:
         report(0.0, f"Evaluating {len(images)} images")
         parts = []
         for part in crew.map(_EvaluateImage(bidx, nodata), images):
             parts.append(part)
             report(len(parts) / len(images), f"Evaluating: image {len(parts)} of {len(images)}")
-    records = tuple(record for part in parts for record in part.records)
-    for record in records:
+    comparison = Comparison(
+        tuple(record for part in parts for record in part.records),
+        tuple(failure for part in parts for failure in part.failures),
+    )
+    for (image, plane), methods in _without_mesh(comparison).items():
+        why = f"no nodes that span an area in the plane {plane}: no figures of {', '.join(methods)}"
+        warnings.warn(f"{image}: {why}", GeomeshWarning, stacklevel=2)
+    return comparison
+
+
+def _without_mesh(comparison: Comparison) -> dict[tuple[str, str], list[str]]:
+    """Return the methods that gave no triangle, by image and plane."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for record in comparison.records:
         if not record.figures.triangles:
-            warnings.warn(
-                f"{record.image}: {record.method} finds no nodes that span an area in the plane "
-                f"{record.plane}; it has no figures there",
-                GeomeshWarning,
-                stacklevel=2,
-            )
-    return Comparison(records, tuple(failure for part in parts for failure in part.failures))
+            found.setdefault((record.image, record.plane), []).append(record.method)
+    return found
 
 
 @dataclass(frozen=True)
@@ -133,14 +144,15 @@ class _EvaluateImage:
                     try:
                         records += _records(image, name, plane(scene, crew), crew)
                     except GeomeshError as error:
-                        failures.append(Failure(image, name, str(error)))
+                        failures.append(Failure(image, name, str(error), error.code))
         except GeomeshError as error:
-            failures.append(Failure(image, "", str(error)))
+            failures.append(Failure(image, "", str(error), error.code))
         except MemoryError:
-            failures.append(Failure(image, "", "not enough memory; use fewer workers"))
+            why = f"{image}: not enough memory; use fewer workers"
+            failures.append(Failure(image, "", why, "memory"))
         except Exception as error:  # of 200 images one may be what nobody thought of
-            why = f"{type(error).__name__}: {one_line(error)} (a defect of geomesh; report it)"
-            failures.append(Failure(image, "", why))
+            why = f"{image}: {type(error).__name__}: {one_line(error)} (a defect of geomesh)"
+            failures.append(Failure(image, "", why, "internal"))
         return Comparison(tuple(records), tuple(failures))
 
 

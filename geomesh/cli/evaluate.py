@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import band_numbers, output_options
 from geomesh.cli.places import keep_inputs
-from geomesh.errors import GeomeshWarning
+from geomesh.errors import EmptyError
+
+if TYPE_CHECKING:
+    from geomesh.comparison import Comparison
+
 
 @click.command()
 @click.argument("sources", metavar="SRC...", nargs=-1, required=True)
@@ -71,27 +74,56 @@ def evaluate(
     """
     console = open_console(progress, quiet=as_json)
     console.start("evaluate", " ".join(sources))
-    made = [path for path in (output, figure) if path is not None]
-    with guarded(console, debug) as problems, console.progress() as report:
-        from geomesh.errors import EmptyError
-        from geomesh.evaluate import evaluate as evaluate_images
-        from geomesh.imagefiles import find_images
-        from geomesh.io.atomic import check_place
+    outputs = [path for path in (output, figure) if path is not None]
+    comparison = None
+    with guarded(console, debug) as problems:
+        with console.progress() as report:
+            from geomesh.evaluate import evaluate as evaluate_images
+            from geomesh.imagefiles import find_images
 
-        images = find_images(sources)
-        keep_inputs(made, images)
-        if output is not None:
-            check_place(Path(output), overwrite=overwrite)
-        if figure is not None:
-            from geomesh.comparison_figure import draw_comparison
-            from geomesh.figures import check_picture, save_picture
-
-            check_picture(figure, overwrite=overwrite)
-        comparison = evaluate_images(
-            images, bidx=bidx, nodata=nodata, workers=workers, progress=report
-        )
-        ...
+            images = find_images(sources)
+            keep_inputs(outputs, images)
+            _check_outputs(output, figure, overwrite)
+            comparison = evaluate_images(
+                images, bidx=bidx, nodata=nodata, workers=workers, progress=report
+            )
+        for failure in comparison.failures:
+            console.error(failure.code, failure.error)
+        if not comparison.records:
+            raise EmptyError(f"none of {len(images)} images could be evaluated; nothing is written")
         if output is not None:
             comparison.to_csv(output, overwrite=overwrite)
         if figure is not None:
-            save_picture(draw_comparison(comparison), figure, overwrite=overwrite)
+            _draw(comparison, figure, overwrite)
+    if comparison is not None and as_json:
+        click.echo(json.dumps(comparison.to_dict(), indent=2))
+    if comparison is None or problems:
+        sys.exit(1)
+    if not as_json and progress != "jsonl":
+        from geomesh.cli.table1 import print_comparison
+
+        print_comparison(comparison)
+    if outputs or progress == "jsonl":
+        figures = {"images": len(comparison.images), "failed": len(comparison.failures)}
+        console.result(outputs, figures, "\n".join(f"{path}: written" for path in outputs))
+    sys.exit(1 if comparison.failures else 0)
+
+
+def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> None:
+    """Refuse outputs that could not be written, before the work is done."""
+    from geomesh.io.atomic import check_place
+
+    if output is not None:
+        check_place(Path(output), overwrite=overwrite)
+    if figure is not None:
+        import geomesh.comparison_figure  # noqa: F401  (says so if matplotlib is not there)
+        from geomesh.figures import check_picture
+
+        check_picture(figure, overwrite=overwrite)
+
+
+def _draw(comparison: Comparison, figure: str, overwrite: bool) -> None:
+    from geomesh.comparison_figure import draw_comparison
+    from geomesh.figures import save_picture
+
+    save_picture(draw_comparison(comparison), figure, overwrite=overwrite)
