@@ -63,10 +63,10 @@ def regular_grid(gray: Gray, valid: Mask, n: int) -> Points:  # noqa: ARG001
     filled = np.flatnonzero(valid.any(axis=1))
     if not len(filled):
         return np.empty((0, 2))
-    spacing = np.sqrt(np.count_nonzero(valid) / n)
-    height = filled[-1] - filled[0]
-    lines = max(round(height / spacing) + 1, min(height + 1, 2))
-    y = np.linspace(filled[0], filled[-1], lines) + 0.5
+    height = filled[-1] - filled[0] + 1
+    # As many rows as keep the spacing in a row, at its mean width, the same as between rows.
+    lines = round(height * np.sqrt(n / np.count_nonzero(valid)))
+    y = np.linspace(filled[0], filled[-1], min(max(lines, 2), height)) + 0.5
     rows = [np.flatnonzero(valid[row]) for row in y.astype(int)]
     widths = np.array([len(row) for row in rows])
     ends = np.rint(np.cumsum(widths) * (n / widths.sum())).astype(int)

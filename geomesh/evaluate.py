@@ -94,7 +94,7 @@ def evaluate(
     >>> comparison = evaluate("data_samples/olinda_landsat7_rgb_uint8.tif")
     >>> found = {average.method: average.mean for average in comparison.overall()[:4]}
     >>> round(found["paper"].ki, 2), round(found["random"].ki, 2)
-    (0, 0)
+    (11.25, 12.41)
     """
     named = [sources] if isinstance(sources, str | PathLike) else sources
     images = find_images(named)
