@@ -36,8 +36,8 @@ _SEED = 0
 _CORNER_QUALITY = 1e-6
 _CORNER_DISTANCE = 2.0
 
-# So often the density of error diffusion is halved between too few nodes and enough.
-_HALVINGS = 40
+# Steps to the density of error diffusion that gives so many nodes.
+_STEPS = 40
 
 
 def regular_grid(gray: Gray, valid: Mask, n: int) -> Points:  # noqa: ARG001
@@ -124,9 +124,9 @@ def yang_error_diffusion(gray: Gray, valid: Mask, n: int) -> Points:
         return np.empty((0, 2))
     density *= n / density.sum()
     low, high = 0.0, 1.0
-    while np.count_nonzero(_diffuse(density * high)) < n and high < 2**_HALVINGS:
+    while np.count_nonzero(_diffuse(density * high)) < n and high < 2**_STEPS:
         low, high = high, 2 * high
-    for _ in range(_HALVINGS):
+    for _ in range(_STEPS):
         middle = (low + high) / 2
         found = np.count_nonzero(_diffuse(density * middle))
         low, high = (middle, high) if found < n else (low, middle)

@@ -82,9 +82,6 @@ class Figures:
     psnr_whole: float
 
 
-# What a row of the table is about.
-ROWS = ("image", "mean", "median", "failed")
-
 MEASURES = tuple(field.name for field in fields(Figures))
 
 

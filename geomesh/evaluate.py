@@ -1,54 +1,32 @@
-"""Evaluate: the paper's Table 1 on any images, for the presets and for baselines beside them.
-
-Every image is looked at in two planes, and in each plane all methods get the same gray
-image and the same number of nodes:
-
-- "256x256", the plane of the `paper` preset: as many nodes as that preset finds there;
-- "native", the plane of the `features` preset: as many nodes as that one finds, at the
-  image's own resolution. Of an image of more than 2048 pixels a side it is the middle,
-  1024 x 1024 pixels, as in `geomesh stages`: so the work is bounded.
-"""
+"""Evaluate: the paper's Table 1 on any images, for the presets and for baselines beside them."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.baselines import GREEDY, baselines, has_pydelatin
+from geomesh.baselines import GREEDY, has_pydelatin
 from geomesh.comparison import MEASURES, Comparison, Failure, Figures, Record
-from geomesh.detect import Detection, detect, shrink
 from geomesh.errors import EmptyError, GeomeshError, GeomeshWarning, one_line
 from geomesh.fidelity import compare
-from geomesh.figures import middle
-from geomesh.grayimage import SceneGray
-from geomesh.grid import Grid, Points
+from geomesh.grid import Grid
 from geomesh.imagefiles import find_images
-from geomesh.nodes import NodeSet, place_nodes
-from geomesh.pipeline import scene_tone, triangulate
-from geomesh.preprocess import Gray
+from geomesh.planes import PLANES, Plane, PlaneMesh
 from geomesh.progress import reporting
 from geomesh.quality import ki, measure
 from geomesh.raster import Scene
-from geomesh.recipe import Recipe
 from geomesh.render import FITS, MODELS, Fit, Model
 from geomesh.sources import open_scene
 from geomesh.surface import fit_surface
 from geomesh.tiles import Progress
-from geomesh.topology import Triangles
 from geomesh.triangulate import delaunay
 from geomesh.workers import Crew, open_crew
-
-PAPER, FEATURES = "paper", "features"
-
-# Points (N, 2) and triangles (T, 3).
-PlaneMesh = tuple[Points, Triangles]
 
 
 def evaluate(
@@ -140,20 +118,23 @@ class _EvaluateImage:
             scene = open_scene(image, bidx=self.bidx, nodata=self.nodata)
             # A crew of its own: a worker that waits for tasks of its own crew waits forever.
             with open_crew(1) as crew, scene.open():
-                for name, plane in _PLANES.items():
+                for name, find_plane in PLANES.items():
                     try:
-                        records += _records(image, name, plane(scene, crew), crew)
+                        records += _records(image, name, find_plane(scene, crew), crew)
                     except GeomeshError as error:
-                        failures.append(Failure(image, name, str(error), error.code))
-        except GeomeshError as error:
-            failures.append(Failure(image, "", str(error), error.code))
-        except MemoryError:
-            why = f"{image}: not enough memory; use fewer workers"
-            failures.append(Failure(image, "", why, "memory"))
+                        failures.append(_failure(image, name, error))
         except Exception as error:  # of 200 images one may be what nobody thought of
-            why = f"{image}: {type(error).__name__}: {one_line(error)} (a defect of geomesh)"
-            failures.append(Failure(image, "", why, "internal"))
+            failures.append(_failure(image, "", error))
         return Comparison(tuple(records), tuple(failures))
+
+
+def _failure(image: str, plane: str, error: Exception) -> Failure:
+    if isinstance(error, GeomeshError):
+        return Failure(image, plane, str(error), error.code)
+    why, code = f"{type(error).__name__}: {one_line(error)} (a defect of geomesh)", "internal"
+    if isinstance(error, MemoryError):
+        why, code = "not enough memory; use fewer workers", "memory"
+    return Failure(image, plane, " ".join(f"{image}: {why}".splitlines()), code)
 
 
 def _records(image: str, name: str, plane: Plane, crew: Crew) -> Iterator[Record]:
@@ -161,82 +142,6 @@ def _records(image: str, name: str, plane: Plane, crew: Crew) -> Iterator[Record
     for method, mesh in plane.meshes():
         figures = measure_figures(plane, mesh, crew)
         yield Record(image, name, method, width, height, plane.wanted, figures)
-
-
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """A gray image on which methods are compared, and the meshes of the presets on it.
-
-    Parameters
-    ----------
-    gray : uint8 (H, W)
-    valid : bool (H, W)
-    wanted : int
-        Nodes that each method is asked for.
-    presets : mapping of str to (points, triangles)
-        In pixel-edge coordinates of the plane.
-    """
-
-    gray: Gray
-    valid: NDArray[np.bool_]
-    wanted: int
-    presets: Mapping[str, PlaneMesh]
-
-    def meshes(self) -> Iterator[tuple[str, PlaneMesh]]:
-        """Yield the mesh of each method: that of a baseline covers the hull of its nodes."""
-        yield from self.presets.items()
-        for method, place in baselines().items() if self.wanted else ():
-            points = place(self.gray, self.valid, self.wanted)
-            triangles, used = delaunay(points)
-            yield method, (points[used], np.searchsorted(used, triangles).astype(np.int32))
-
-
-def paper_plane(scene: Scene, crew: Crew) -> Plane:
-    """Return the gray image at 256 x 256 pixels, with the mesh of the `paper` preset.
-
-    The `features` preset gets the same gray image, and as many nodes. Where the `paper`
-    preset finds no keypoints that span an area, there is no number of nodes to compare at,
-    and nothing but its empty mesh.
-    """
-    recipe = Recipe.from_preset(PAPER)
-    assert recipe.resize is not None
-    tone = scene_tone(scene, recipe, crew, _silent)
-    plain, _ = shrink(SceneGray(scene, tone, sobel=False), recipe.resize, crew, _silent)
-    detection = detect(SceneGray(scene, tone, recipe.sobel), recipe, crew, _silent)
-    nodes, published = _mesh(detection, scene.grid, recipe, crew)
-    if nodes.domain.kind != recipe.domain:  # the frame, for want of keypoints
-        nothing = np.empty((0, 2)), np.empty((0, 3), np.int32)
-        return Plane(plain.gray, plain.valid, 0, {PAPER: nothing})
-    features = Recipe(nodes=len(nodes.points))
-    _, ours = _mesh(detect(plain, features, crew, _silent), Grid(*recipe.resize), features, crew)
-    presets = {PAPER: published, FEATURES: ours}
-    return Plane(plain.gray, plain.valid, len(nodes.points), presets)
-
-
-def native_plane(scene: Scene, crew: Crew) -> Plane:
-    """Return the gray image at its own resolution, with the mesh of the `features` preset."""
-    recipe = Recipe.from_preset(FEATURES)
-    scene = middle(scene)
-    image = SceneGray(scene, scene_tone(scene, recipe, crew, _silent), recipe.sobel)
-    nodes, mesh = _mesh(detect(image, recipe, crew, _silent), scene.grid, recipe, crew)
-    gray, valid = image.read(image.extent)
-    return Plane(gray, valid, len(nodes.points), {FEATURES: mesh})
-
-
-_PLANES: Mapping[str, Callable[[Scene, Crew], Plane]] = {
-    "256x256": paper_plane,
-    "native": native_plane,
-}
-
-
-def _mesh(
-    detection: Detection, grid: Grid, recipe: Recipe, crew: Crew
-) -> tuple[NodeSet, PlaneMesh]:
-    """Return the mesh as the pipeline makes it, and its shape in the plane."""
-    chosen = place_nodes(detection, grid, recipe)
-    nodes, triangles = triangulate(chosen, grid, detection.size, crew.local)
-    width, height = detection.size
-    return nodes, (nodes.points * (width / grid.width, height / grid.height), triangles)
 
 
 def measure_figures(plane: Plane, mesh: PlaneMesh, crew: Crew) -> Figures:

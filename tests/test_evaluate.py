@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import math
 import shutil
@@ -502,6 +503,19 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(
         comparison.to_csv(kept)
     comparison.to_csv(kept, overwrite=True)
     assert kept.read_text().startswith("row,image,")
+
+
+def test_a_disk_that_is_full_in_the_end_does_not_cost_the_tables(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("geomesh.comparison.staged", fail)
+    stdout, stderr = run(OLINDA, "-o", tmp_path / "t.csv", code=1)
+    assert stderr.count("\n") == 1
+    assert "t.csv could not be written: No space left on device" in stderr
+    assert "\n  olinda" in stdout
+    assert "written" not in stdout
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_without_pydelatin_the_other_methods_are_compared(monkeypatch):

@@ -95,18 +95,18 @@ def evaluate(
             comparison.to_csv(output, overwrite=overwrite)
         if figure is not None:
             _draw(comparison, figure, overwrite)
-    if comparison is not None and as_json:
-        click.echo(json.dumps(comparison.to_dict(), indent=2))
-    if comparison is None or problems:
+    if comparison is None:
         sys.exit(1)
-    if not as_json and progress != "jsonl":
+    if as_json:
+        click.echo(json.dumps(comparison.to_dict(), indent=2))
+    elif comparison.records and progress != "jsonl":
         from geomesh.cli.table1 import print_comparison
 
         print_comparison(comparison)
-    if outputs or progress == "jsonl":
+    if not problems and (outputs or progress == "jsonl"):
         figures = {"images": len(comparison.images), "failed": len(comparison.failures)}
         console.result(outputs, figures, "\n".join(f"{path}: written" for path in outputs))
-    sys.exit(1 if comparison.failures else 0)
+    sys.exit(1 if problems or comparison.failures else 0)
 
 
 def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> None:
