@@ -242,3 +242,34 @@ def psnr(mean_squared_error: ArrayLike, peak: ArrayLike) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):
         decibels: Floats = np.where(error == 0, np.inf, 10 * np.log10(np.square(peak) / error))
     return decibels
+
+
+def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDArray[Any]:
+    """Return a picture in the type of a raster.
+
+    Parameters
+    ----------
+    image : float64 (B, h, w)
+    dtype : numpy.dtype
+        Integers are rounded; what is beyond the type's limits is cut off there.
+    nodata : float or None
+        What NaN becomes (0 if None). Any other pixel that would be it becomes the
+        next value that the type has, as GDAL does when it warps.
+    """
+    limits = np.finfo(dtype) if dtype.kind == "f" else np.iinfo(dtype)
+    least, most = float(limits.min), float(limits.max)
+    if most > limits.max:  # 64 bits have no such float
+        most = float(np.nextafter(most, 0))
+    unknown = np.isnan(image)
+    known = np.where(unknown, 0.0, image)
+    pixels: NDArray[Any] = np.clip(known if dtype.kind == "f" else np.rint(known), least, most)
+    pixels = pixels.astype(dtype)
+    if nodata is not None:
+        reserved = dtype.type(nodata)
+        if dtype.kind == "f":
+            other = np.nextafter(reserved, dtype.type(0 if reserved else 1))
+        else:
+            other = reserved + 1 if reserved < limits.max else reserved - 1
+        pixels[pixels == reserved] = other
+        pixels[unknown] = reserved
+    return pixels

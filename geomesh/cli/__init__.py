@@ -18,6 +18,7 @@ from geomesh.cli.convert import convert
 from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
+from geomesh.cli.render import render
 from geomesh.cli.stages import stages
 from geomesh.memory import keep_freed_memory
 
@@ -67,10 +68,11 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh mesh scene.tif -o mesh.gpkg --nodes 5000 --bidx 4,3,2
       geomesh stages scene.tif -o stages.png
       geomesh quality mesh.gpkg
+      geomesh render mesh.gpkg --like scene.tif -o painted.tif
       geomesh convert mesh.gpkg -o web.geojson
     """
     ctx.obj = debug
 
 
-for command in (mesh, stages, quality, info, convert):
+for command in (mesh, stages, quality, render, info, convert):
     cli.add_command(command)
