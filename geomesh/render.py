@@ -32,7 +32,7 @@ FITS: tuple[Fit, ...] = ("least_squares", "sampled")
 RIDGE = 0.01
 
 # What may be left of the moments in the solution.
-_TOLERANCE = 1e-12
+_TOLERANCE = 1e-10
 
 # The 3 x 3 matrix of a triangle in what NormalEquations holds of it.
 _FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
