@@ -236,6 +236,6 @@ class Scene:
 def can_hold(dtype: np.dtype[Any], value: float) -> bool:
     """Tell whether a pixel of this type can have the value at all."""
     if dtype.kind == "f":
-        return not math.isfinite(value) or abs(value) <= np.finfo(dtype).max
+        return not math.isfinite(value) or abs(value) <= float(np.finfo(dtype).max)
     limits = np.iinfo(dtype)
     return value.is_integer() and limits.min <= value <= limits.max

@@ -157,7 +157,7 @@ def test_the_weight_of_the_first_values_costs_next_to_nothing():
     matrix, _ = design(nodes, triangles, window)
     _, (least,), *_ = np.linalg.lstsq(matrix, bands.ravel().astype(float), rcond=None)
     image = reconstruct(nodes, triangles, found, window, "linear")
-    assert least <= find_errors(image, bands, valid).squares[0] < least * 1.001
+    assert least <= find_errors(image, bands, valid).norm[0] ** 2 < least * 1.001
 
 
 def test_equations_of_windows_add_up():
@@ -205,7 +205,7 @@ def test_least_squares_never_err_more_than_the_values_they_begin_with(seed, widt
         for values in (start, fitted(nodes, triangles, start, bands, valid, window))
     ]
     assert errors[1].pixels == valid.sum()
-    assert errors[1].squares[0] <= errors[0].squares[0] * (1 + 1e-9)
+    assert errors[1].norm[0] <= errors[0].norm[0] * (1 + 1e-9)
 
 
 def test_nothing_to_correct_is_not_corrected():
@@ -254,14 +254,27 @@ def test_errors_and_decibels_by_hand():
     image = np.array([[[13.0, 20], [26, np.nan]]])
     valid = np.array([[True, True], [True, True]])
     errors = find_errors(image, bands, valid)
-    assert (errors.pixels, errors.squares.tolist()) == (3, [9.0 + 16.0])
+    assert (errors.pixels, errors.norm.tolist()) == (3, [5.0])
     assert (errors.low.tolist(), errors.high.tolist()) == ([10], [30])
     half = find_errors(image, bands, np.array([[True, False], [True, False]]))
     both = half + find_errors(image, bands, np.array([[False, True], [False, True]]))
-    assert (both.pixels, both.squares, both.low, both.high) == (3, 25, 10, 30)
+    assert (both.pixels, both.norm, both.low, both.high) == (3, 5, 10, 30)
     # 10 log10(255^2 / (25 / 3)) = 48.1308 - 9.2082
-    assert psnr(25 / 3, 255) == pytest.approx(38.9226, abs=1e-4)
+    assert psnr(5 / math.sqrt(3), 255) == pytest.approx(38.9226, abs=1e-4)
     assert psnr([0, 1, 4], [0, 10, 0]).tolist() == [np.inf, 20, -np.inf]
+
+
+@pytest.mark.parametrize("size", [1e-300, 1, 1e300])
+def test_errors_of_any_size_are_told(size):
+    bands, image = np.array([[[1.0, 2.0]]]) * size, np.array([[[4.0, 6.0]]]) * size
+    errors = find_errors(image, bands, np.ones((1, 2), bool))
+    assert (errors + errors).norm[0] == pytest.approx(math.sqrt(50) * size, rel=1e-12)
+    nodes = np.array([(0, 0), (2, 0), (0, 2), (2, 2.0)])
+    triangles, window = np.array([(0, 1, 2), (1, 3, 2)], np.int32), Window(0, 0, 2, 1)
+    found = fitted(nodes, triangles, np.zeros((4, 1)), bands, np.ones((1, 2), bool), window)
+    np.testing.assert_allclose(
+        reconstruct(nodes, triangles, found, window, "linear"), bands, rtol=0.05
+    )
 
 
 @pytest.mark.parametrize(

@@ -252,7 +252,7 @@ def _failures_told(target: Path) -> Iterator[None]:
         yield
     except RasterioError as error:
         raise OutputError(
-            f"{target} could not be written: {one_line(error)}; free some space or choose another "
+            f"{target} could not be written: {one_line(error)}; free some space, or choose another "
             "folder"
         ) from error
 
