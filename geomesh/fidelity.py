@@ -154,17 +154,17 @@ def summarise(scene: Scene, parts: Iterable[Errors]) -> Fidelity:
             f"no valid pixel of {scene.name} is in a triangle: there is nothing to compare; "
             "name the raster that the mesh was made of"
         )
-    error = errors.squares / errors.pixels
+    rmse = errors.norm / math.sqrt(errors.pixels)
     peak = errors.high - errors.low
     if scene.dtype == np.uint8:
-        peak = np.full(len(error), 255.0)
-    # A band of one value has no range, nor, as a rule, an error.
-    share = np.divide(error, np.square(peak), out=error.copy(), where=peak > 0)
+        peak = np.full(len(rmse), 255.0)
+    # A band of one value has no range; as a rule it has no error either.
+    share = np.divide(rmse, peak, out=rmse.copy(), where=peak > 0)
     return Fidelity(
         bands=tuple(band_names([band.description for band in scene.bands])),
         pixels=errors.pixels,
         peak=tuple(peak.tolist()),
-        rmse=tuple(np.sqrt(error).tolist()),
-        psnr=tuple(psnr(error, peak).tolist()),
-        overall=float(psnr(share.mean(), 1.0)),
+        rmse=tuple(rmse.tolist()),
+        psnr=tuple(psnr(rmse, peak).tolist()),
+        overall=float(psnr(math.sqrt(np.square(share).mean()), 1.0)),
     )

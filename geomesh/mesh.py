@@ -281,6 +281,12 @@ class Mesh:
 
         return judge(self, source, model=model, fit=fit, **options)
 
+    def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
+        """Paint the mesh on a raster's pixels; see `geomesh.io.geotiff.render_file`."""
+        from geomesh.io.geotiff import render_file
+
+        return render_file(self, source, path, **options)
+
     def plot(self, column: str = "color", **options: Any) -> Any:
         """Draw the mesh with matplotlib, filled by `column`; see `geomesh.figures.plot_mesh`."""
         from geomesh.figures import plot_mesh

@@ -32,7 +32,7 @@ FITS: tuple[Fit, ...] = ("least_squares", "sampled")
 RIDGE = 0.01
 
 # What may be left of the moments in the solution.
-_TOLERANCE = 1e-12
+_TOLERANCE = 1e-10
 
 # The 3 x 3 matrix of a triangle in what NormalEquations holds of it.
 _FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
@@ -154,9 +154,12 @@ def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
     gram = sparse.csr_array((equations.gram[:, _FULL].ravel(), entries), shape=(count, count))
     matrix = gram + RIDGE * sparse.eye_array(count, format="csr")
     scale = sparse.diags_array(1 / matrix.diagonal())
-    corrections = np.empty_like(equations.moments)
+    corrections = np.zeros_like(equations.moments)
     for band, moments in enumerate(equations.moments.T):
-        corrections[:, band], _ = cg(matrix, moments, rtol=_TOLERANCE, atol=0.0, M=scale)
+        largest = np.abs(moments).max(initial=0)
+        if largest > 0:  # squares of values as they are may be beyond float64
+            found, _ = cg(matrix, moments / largest, rtol=_TOLERANCE, atol=0.0, M=scale)
+            corrections[:, band] = found * largest
     return corrections
 
 
@@ -195,50 +198,84 @@ def complete(
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """What a picture errs by, summed over pixels; the sums of parts add up.
+    """What a picture errs by; the errors of parts add up.
 
     Parameters
     ----------
     pixels : int
         Valid pixels that have a value in the picture.
-    squares : float64 (B,)
-        Sum of the squared errors of these.
+    norm : float64 (B,)
+        Root of the sum of the squared errors of these.
     low, high : float64 (B,)
         Least and greatest of their true values.
     """
 
     pixels: int
-    squares: Floats
+    norm: Floats
     low: Floats
     high: Floats
 
     def __add__(self, other: Errors) -> Errors:
         return Errors(
             self.pixels + other.pixels,
-            self.squares + other.squares,
+            np.hypot(self.norm, other.norm),
             np.minimum(self.low, other.low),
             np.maximum(self.high, other.high),
         )
 
 
-def find_errors(image: Floats, bands: NDArray[Any], valid: NDArray[np.bool_]) -> Errors:
+def find_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_]) -> Errors:
     """Return what a picture (B, h, w) errs by, where it is not NaN and `bands` are valid."""
     known = valid & ~np.isnan(image).any(axis=0)
-    squares = np.zeros(len(bands))
+    norm = np.zeros(len(bands))
     low, high = np.full(len(bands), np.inf), np.full(len(bands), -np.inf)
     for band, (shown, true) in enumerate(zip(image, bands, strict=True)):
         pixels = true[known].astype(np.float64)
-        squares[band] = np.square(shown[known] - pixels).sum()
+        errors = np.abs(shown[known] - pixels)
+        largest = errors.max(initial=0)
+        if largest > 0:  # squares of errors as they are may be beyond float64
+            norm[band] = largest * np.sqrt(np.square(errors / largest).sum())
         low[band], high[band] = pixels.min(initial=np.inf), pixels.max(initial=-np.inf)
-    return Errors(int(known.sum()), squares, low, high)
+    return Errors(int(known.sum()), norm, low, high)
 
 
-def psnr(mean_squared_error: ArrayLike, peak: ArrayLike) -> Floats:
-    """Return the peak signal-to-noise ratio in decibels: 10 log10(peak^2 / error).
+def psnr(rmse: ArrayLike, peak: ArrayLike) -> Floats:
+    """Return the peak signal-to-noise ratio in decibels: 20 log10(peak / rmse).
 
-    Infinite where the error is 0.
+    Infinite where the root mean square error is 0.
     """
-    error, peak = np.asarray(mean_squared_error, float), np.asarray(peak, float)
+    rmse, peak = np.asarray(rmse, np.float64), np.asarray(peak, np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        decibels: Floats = np.where(error == 0, np.inf, 10 * np.log10(np.square(peak) / error))
+        decibels: Floats = np.where(rmse == 0, np.inf, 20 * (np.log10(peak) - np.log10(rmse)))
     return decibels
+
+
+def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDArray[Any]:
+    """Return a picture in the type of a raster.
+
+    Parameters
+    ----------
+    image : float64 (B, h, w)
+    dtype : numpy.dtype
+        Integers are rounded; what is beyond the type's limits is cut off there.
+    nodata : float or None
+        What NaN becomes (0 if None). Any other pixel that would be it becomes the
+        next value that the type has, as GDAL does when it warps.
+    """
+    limits = np.finfo(dtype) if dtype.kind == "f" else np.iinfo(dtype)
+    least, most = float(limits.min), float(limits.max)
+    if most > limits.max:  # 64 bits have no such float
+        most = float(np.nextafter(most, 0))
+    unknown = np.isnan(image)
+    known = np.where(unknown, 0.0, image)
+    pixels: NDArray[Any] = np.clip(known if dtype.kind == "f" else np.rint(known), least, most)
+    pixels = pixels.astype(dtype)
+    if nodata is not None:
+        reserved = dtype.type(nodata)
+        if dtype.kind == "f":
+            other = np.nextafter(reserved, dtype.type(0 if reserved else 1))
+        else:
+            other = reserved + 1 if reserved < limits.max else reserved - 1
+        pixels[pixels == reserved] = other
+        pixels[unknown] = reserved
+    return pixels

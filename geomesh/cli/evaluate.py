@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from geomesh.cli.console import guarded, open_console
-from geomesh.cli.options import band_numbers, output_options
+from geomesh.cli.options import numbers, output_options
 from geomesh.cli.places import keep_inputs
 from geomesh.errors import EmptyError
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option(
     "-b",
     "--bidx",
-    callback=band_numbers,
+    callback=numbers,
     metavar="N,N,...",
     help="Bands to use, from 1. Default: all but alpha.",
 )
