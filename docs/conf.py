@@ -32,8 +32,7 @@ nitpicky = True
 
 # Pages stand in the repository, too: they are Markdown that its browser shows as it is.
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}
-myst_enable_extensions = ["dollarmath", "colon_fence"]
-myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
 # A command is followed by its output or a comment: no language would colour it well.
 highlight_language = "none"
 smartquotes = False  # it would make one dash of the two of an option
@@ -65,7 +64,6 @@ html_theme_options = {
     },
     "navbar_align": "left",
     "navbar_end": ["theme-switcher"],
-    "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],

@@ -1,6 +1,7 @@
 """The directive `commands`: every command of the command line, as its own `--help` tells it."""
 
 import inspect
+import textwrap
 
 import click
 from docutils import nodes
@@ -31,7 +32,7 @@ def describe(command: click.Command, path: str, title: str) -> list[str]:
     options = [param for param in command.params if isinstance(param, click.Option)]
     return [
         *heading,
-        *block("sh", [usage]),
+        *block(usage),
         *prose(command.help or ""),
         f".. program:: {path}",
         "",
@@ -47,12 +48,12 @@ def prose(text: str) -> list[str]:
             lines += [" ".join(paragraph.split("\n")), ""]
             continue
         _, title, *code = paragraph.split("\n")
-        lines += [f".. rubric:: {title.rstrip(':')}", "", *block("sh", code)]
+        lines += [f".. rubric:: {title.rstrip(':')}", "", *block(textwrap.dedent("\n".join(code)))]
     return lines
 
 
-def block(language: str, code: list[str]) -> list[str]:
-    return [f".. code-block:: {language}", "", *(f"   {line.strip()}" for line in code), ""]
+def block(code: str) -> list[str]:
+    return [".. code-block:: sh", "", *(f"   {line}" for line in code.splitlines()), ""]
 
 
 def describe_option(option: click.Option, context: click.Context) -> list[str]:
@@ -64,7 +65,7 @@ def describe_option(option: click.Option, context: click.Context) -> list[str]:
 
 
 def escape(text: str) -> str:
-    return text.replace("*", r"\*").replace("|", r"\|").replace("`", "``")
+    return text.replace("*", r"\*").replace("|", r"\|")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

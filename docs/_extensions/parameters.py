@@ -1,7 +1,6 @@
 """The directive `parameters`: each parameter of a recipe, its value in each preset, its meaning."""
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import fields
 
@@ -35,7 +34,7 @@ def table() -> Iterator[str]:
         if field.name == "preset":
             continue
         values = (f"``{shown(getattr(recipe, field.name))}``" for recipe in PRESETS.values())
-        yield from row(f"``{field.name}``", *values, rest(told[field.name]))
+        yield from row(f"``{field.name}``", *values, told[field.name])
 
 
 def row(*cells: str) -> Iterator[str]:
@@ -46,11 +45,6 @@ def row(*cells: str) -> Iterator[str]:
 def shown(value: object) -> str:
     """Return a value as `--set NAME=VALUE` takes it."""
     return value if isinstance(value, str) else json.dumps(value)
-
-
-def rest(text: str) -> str:
-    """Return numpydoc's single backquotes as literals."""
-    return re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", text)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
