@@ -50,9 +50,10 @@ def draw_comparison(comparison: Comparison) -> Figure:
     A box holds the middle half of the images, with a line at their median; whiskers reach
     to the 5th and the 95th percentile. Up to 40 images are drawn as points, too. PSNR is
     the difference to random nodes on the same image, since images differ by far more than
-    methods do.
+    methods do. A plane without figures is left out.
     """
-    planes = comparison.methods
+    filled = {average.plane for average in comparison.overall() if average.images}
+    planes = {plane: methods for plane, methods in comparison.methods.items() if plane in filled}
     heights = [len(methods) + 2.2 for methods in planes.values()]
     with rc_context(_STYLE):
         size = (_WIDTH, 0.21 * sum(heights) + 0.2)
@@ -113,7 +114,8 @@ def _draw_panel(ax: Axes, methods: tuple[str, ...], columns: list[Values]) -> No
             )
         if len(values) <= _MOST_POINTS:
             spread = 0.18 * np.sin(2.4 * np.arange(len(values)))  # so that equal ones show
-            ax.plot(values, place + spread, "o", ms=2.2, mfc=color, mec="white", mew=0.3, zorder=3)
+            size = 2.2 if len(values) > 1 else 4
+            ax.plot(values, place + spread, "o", ms=size, mfc=color, mec="white", mew=0.3, zorder=3)
     ax.set_yticks(range(len(methods)), methods)
     ax.set_ylim(len(methods) - 0.4, -0.6)
     ax.tick_params(axis="y", length=0)

@@ -282,8 +282,8 @@ class Mesh:
         return judge(self, source, model=model, fit=fit, **options)
 
     def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
-        """Paint the mesh on a raster's pixels; see `geomesh.io.geotiff.render_file`."""
-        from geomesh.io.geotiff import render_file
+        """Paint the mesh on a raster's pixels; see `geomesh.io.painting.render_file`."""
+        from geomesh.io.painting import render_file
 
         return render_file(self, source, path, **options)
 

@@ -202,5 +202,5 @@ def blend(
                         start = np.float64(bands[band, r, c])
                         values[band, p] += weight * (np.float64(bands[band, row, col]) - start)
         for band in range(len(bands)):
-            start = np.float64(bands[band, r, c]) if total > 0 else np.nan
-            values[band, p] = start + values[band, p] / total
+            # 0 / 0, and so NaN, without a valid pixel.
+            values[band, p] = np.float64(bands[band, r, c]) + values[band, p] / total

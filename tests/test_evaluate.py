@@ -304,6 +304,16 @@ def test_the_figure_shows_every_method_and_image(comparison, tmp_path):
         np.testing.assert_array_equal(points, values)
 
 
+@pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
+def test_a_plane_without_figures_is_left_out_of_table_and_figure():
+    figure = draw_comparison(evaluate(DEM))
+    assert len(figure.axes) == 3
+    assert "native" in figure.axes[0].get_title(loc="left")
+    stdout, _ = run(DEM)
+    assert "0 images" not in stdout
+    assert "Native resolution, as many nodes as `features` finds; 1 image" in stdout
+
+
 def test_the_command_prints_tables_and_writes_csv_and_figure(tmp_path, comparison):
     table, picture = tmp_path / "table1.csv", tmp_path / "table1.png"
     stdout, stderr = run(OLINDA, NOWHERE, "-o", table, "--figure", picture)

@@ -106,7 +106,8 @@ def render(
     console = open_console(progress, quiet=as_json)
     console.start("render", mesh_file)
     with guarded(console, debug) as failures, console.progress() as report:
-        from geomesh.io.geotiff import check_geotiff, render_file
+        from geomesh.io.geotiff import check_geotiff
+        from geomesh.io.painting import render_file
         from geomesh.io.read import read_mesh
         from geomesh.tiles import part_of
 

@@ -96,7 +96,7 @@ def tables(comparison: Comparison) -> Iterator[Text | Table]:
     for plane in comparison.methods:
         averages = [average for average in overall if average.plane == plane]
         images = max(average.images for average in averages)
-        for about, columns in _METHOD.items():
+        for about, columns in _METHOD.items() if images else ():
             number = f"{images} image{'s' if images != 1 else ''}"
             yield _title(f"{_PLANES[plane]}; {number}: {about}")
             table = _table(columns)
