@@ -7,14 +7,16 @@ QGIS_PYTHON ?= /usr/bin/python3
 QGIS_VENV ?= .venv-qgis
 BIN := $(VENV)/bin
 SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
+SITE := build/docs
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench bench-scale plugin test-qgis qgis-is-there clean
+.PHONY: help demo test lint docs bench bench-scale plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
 	@echo "make test    run everything: pytest, ruff, mypy"
 	@echo "make lint    ruff and mypy alone"
+	@echo "make docs    build the documentation into $(SITE)/"
 	@echo "make bench   compare speed with the peers, in one run"
 	@echo "make bench-scale  time and memory from 1 to 120 megapixels, beside the bare work"
 	@echo "make plugin  pack the QGIS plugin into dist/"
@@ -59,6 +61,18 @@ lint: $(BIN)/.developing
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+$(BIN)/.documenting: $(BIN)/.installed
+	@echo "Adding what the documentation needs ..."
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group docs
+	@touch $@
+
+# All of it anew: pages that are no more must not stay, and the tutorial runs in any case.
+docs: $(BIN)/.documenting
+	@rm -rf $(SITE)
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --nitpicky docs $(SITE)
+	@$(BIN)/python docs/check.py $(SITE)
+	@echo "The documentation: $(abspath $(SITE))/index.html"
 
 bench: $(BIN)/.developing
 	$(BIN)/python -m benchmarks

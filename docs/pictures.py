@@ -6,11 +6,17 @@ Run from the top of a checkout: ``.venv/bin/python docs/pictures.py``.
 from pathlib import Path
 from typing import Any
 
+import geopandas
 import matplotlib as mpl
+import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from numpy.typing import NDArray
+from PIL import Image
 
 import geomesh
 from geomesh.figures import draw_stages, run_stages
@@ -33,11 +39,118 @@ def main() -> None:
     for preset in ("features", "paper"):
         scene = open_scene(SAMPLES / "olinda_landsat7_rgb_uint8.tif")
         stages = run_stages(scene, geomesh.Recipe.from_preset(preset), silent)
-        figure = draw_stages(stages)
-        figure.savefig(IMAGES / f"olinda_stages_{preset}.png", dpi=72)
-    mesh = geomesh.mesh_raster(SAMPLES / "bahamas_landsat7_rgb_nodata_collar.tif")
-    mesh.plot().figure.savefig(IMAGES / "bahamas_mesh.png", dpi=110, bbox_inches="tight")
+        keep(draw_stages(stages), f"olinda_stages_{preset}", dpi=80)
+    draw_hero()
+    draw_how_to()
     draw_help()
+
+
+def draw_hero() -> None:
+    """Draw one scene, from left to right: pixels, edges of the mesh on them, triangles."""
+    found = run_stages(
+        open_scene(SAMPLES / "iguacu_landsat8_rgb_uint16.tif"), geomesh.Recipe(), silent
+    )
+    mesh, image = found.mesh, bright(found.image)
+    width, top, bottom = mesh.grid.width, 95, 325
+    figure = Figure(figsize=(12, 12 * (bottom - top) / width), dpi=100)
+    panel = figure.add_axes((0, 0, 1, 1))
+    panel.imshow(image, extent=(0, width, mesh.grid.height, 0), interpolation="bilinear")
+    slant = 40
+    for colors, edge, left in (
+        ("none", "#ffffffb0", 0.3 * width),
+        (bright(mesh_colors(mesh)), "#ffffff30", 0.62 * width),
+    ):
+        corners = mesh.nodes[mesh.triangles]
+        cells = PolyCollection(corners, facecolors=colors, edgecolors=edge, linewidths=0.6)
+        panel.add_collection(cells)
+        shown = [(left + slant, top), (2 * width, top), (2 * width, bottom), (left - slant, bottom)]
+        cells.set_clip_path(Polygon(shown, transform=panel.transData))
+        panel.plot(*zip(shown[0], shown[3], strict=True), color="white", linewidth=2)
+    panel.set(xlim=(0, width), ylim=(bottom, top))
+    panel.set_axis_off()
+    keep(figure, "hero")
+
+
+def draw_how_to() -> None:
+    draw_bands()
+    draw_nodes()
+    draw_domains()
+    draw_area()
+
+
+def draw_bands() -> None:
+    scene = SAMPLES / "olinda_landsat7_6band_uint8.tif"
+    figure, panels = side_by_side(2)
+    for panel, bidx, gray, title in (
+        (panels[0], (3, 2, 1), "luma", "luma of red, green and blue"),
+        (panels[1], (3, 2, 1, 4), "band:4", "near infrared"),
+    ):
+        found = run_stages(open_scene(scene, bidx=bidx), geomesh.Recipe(gray=gray), silent)
+        mesh = found.mesh
+        frame(panel, mesh, f"{title}, {len(mesh.nodes):,} nodes")
+        panel.imshow(found.gray, cmap="gray", extent=(0, mesh.grid.width, mesh.grid.height, 0))
+        panel.scatter(*mesh.nodes.T, s=3, c="#ffd200", edgecolors="#222222", linewidths=0.2)
+    keep(figure, "bands")
+
+
+def draw_nodes() -> None:
+    figure, panels = side_by_side(2)
+    for panel, nodes in zip(panels, (300, None), strict=True):
+        mesh = geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=nodes)
+        frame(panel, mesh, f"{len(mesh.nodes):,} nodes, {len(mesh.triangles):,} triangles")
+        fill(panel, mesh, bright(mesh_colors(mesh)), "#ffffff59")
+    keep(figure, "nodes")
+
+
+def draw_domains() -> None:
+    figure, panels = side_by_side(3)
+    for panel, domain in zip(panels, ("valid", "image", "hull"), strict=True):
+        mesh = geomesh.mesh_raster(
+            SAMPLES / "bahamas_landsat7_rgb_nodata_collar.tif", nodes=2000, domain=domain
+        )
+        frame(panel, mesh, domain)
+        fill(panel, mesh, bright(mesh_colors(mesh)), "#ffffff59")
+    keep(figure, "domains")
+
+
+def draw_area() -> None:
+    circle = shapely.Point(294500, 9115500).buffer(3000)
+    mesh = geomesh.mesh_raster(
+        SAMPLES / "olinda_landsat7_rgb_uint8.tif",
+        mask=geopandas.GeoSeries([circle], crs="EPSG:31985"),
+    )
+    figure, (panel,) = side_by_side(1)
+    frame(panel, mesh, f"{len(mesh.triangles):,} triangles")
+    fill(panel, mesh, bright(mesh_colors(mesh)), "#ffffff59")
+    keep(figure, "area")
+
+
+def side_by_side(count: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(3.6 * count, 3.8), layout="constrained")
+    return figure, list(figure.subplots(1, count, squeeze=False)[0])
+
+
+def frame(panel: Axes, mesh: geomesh.Mesh, title: str) -> None:
+    panel.set(xlim=(0, mesh.grid.width), ylim=(mesh.grid.height, 0), xticks=[], yticks=[])
+    panel.set_aspect("equal")
+    panel.set_facecolor("#e4e4e4")
+    panel.set_title(title, fontsize=9, loc="left")
+
+
+def mesh_colors(mesh: geomesh.Mesh) -> NDArray[Any]:
+    return to_rgba_array(mesh.triangle_table["color"])[:, :3]
+
+
+def bright(colors: NDArray[Any]) -> NDArray[Any]:
+    """Return colours, of 0 to 255 or to 1, as `Mesh.plot` shows them: dark images brightened."""
+    return np.clip(colors / max(np.percentile(colors, 99), 0.01), 0, 1)
+
+
+def keep(figure: Figure, name: str, dpi: int = 110) -> None:
+    """Save a figure for the documentation, with as many colours as the eye tells apart."""
+    figure.savefig(IMAGES / f"{name}.png", dpi=dpi, bbox_inches="tight", pad_inches=0.01)
+    picture = Image.open(IMAGES / f"{name}.png").convert("RGB")
+    picture.quantize(256, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)
 
 
 def draw_help() -> None:
@@ -77,7 +190,8 @@ def frames(columns: int, height_per_width: float, rows: int = 1) -> tuple[Figure
 
 def fill(panel: Axes, mesh: geomesh.Mesh, values: NDArray[Any], edge: str) -> None:
     style = {"edgecolors": edge, "linewidths": 0.25}
-    style |= {"facecolors": values} if values.dtype.kind == "U" else {"array": values}
+    colors = values.dtype.kind == "U" or values.ndim == 2
+    style |= {"facecolors": values} if colors else {"array": values}
     panel.add_collection(PolyCollection(mesh.nodes[mesh.triangles], **style))
     panel.set(xlim=(0, mesh.grid.width), ylim=(mesh.grid.height, 0))
 

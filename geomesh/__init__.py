@@ -15,6 +15,7 @@ from geomesh._version import __version__
 if TYPE_CHECKING:
     from geomesh.certificate import Certificate
     from geomesh.errors import GeomeshError, GeomeshWarning
+    from geomesh.fidelity import Fidelity
     from geomesh.grid import Grid
     from geomesh.io.read import read_mesh
     from geomesh.mesh import Mesh
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Certificate",
+    "Fidelity",
     "GeomeshError",
     "GeomeshWarning",
     "Grid",
@@ -39,6 +41,7 @@ __all__ = [
 # it is first used, so that `geomesh --help` and `import geomesh` answer at once.
 _HOMES = {
     "Certificate": "certificate",
+    "Fidelity": "fidelity",
     "GeomeshError": "errors",
     "GeomeshWarning": "errors",
     "Grid": "grid",

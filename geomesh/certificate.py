@@ -44,7 +44,15 @@ class DomainFacts:
 
 @dataclass(frozen=True)
 class Check:
-    """One statement about a mesh, whether it holds, and the figures behind it."""
+    """One statement about a mesh, whether it holds, and the figures behind it.
+
+    Parameters
+    ----------
+    name : str
+        The statement.
+    passed : bool
+    detail : str
+    """
 
     name: str
     passed: bool
@@ -53,7 +61,15 @@ class Check:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The outcome of all checks; `passed` only if every one of them is."""
+    """The outcome of all checks; `passed` only if every one of them is.
+
+    Parameters
+    ----------
+    checks : tuple of Check
+    min_angle : float
+        Smallest angle of all triangles, in degrees, in the plane of the image that the
+        pipeline worked on; NaN without triangles.
+    """
 
     checks: tuple[Check, ...]
     min_angle: float

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from geomesh.certificate import Certificate, DomainFacts
 from geomesh.checks import certify
-from geomesh.errors import MissingExtraError
 from geomesh.grid import Grid, Points
 from geomesh.quality import Quality, measure, measure_each
 from geomesh.table import Table, read_only
@@ -26,6 +25,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import geopandas as gpd
+
+    from geomesh.fidelity import Fidelity
+    from geomesh.render import Fit, Model
+    from geomesh.sources import Source
 
 LayerName = Literal["triangles", "edges", "nodes"]
 LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
@@ -233,29 +236,9 @@ class Mesh:
         scipy.sparse.csr_array (N, N), networkx.Graph or libpysal.graph.Graph
             Symmetric; weights are edge lengths in map units.
         """
-        from scipy import sparse
+        from geomesh.graph import build_graph
 
-        if library not in ("scipy", "networkx", "libpysal"):
-            raise ValueError(f"library is {library!r}: choose scipy, networkx or libpysal")
-        ends = self.edges.nodes
-        lengths = np.hypot(*(self.map_nodes[ends[:, 1]] - self.map_nodes[ends[:, 0]]).T)
-        row, col = np.concatenate([ends, ends[:, ::-1]]).T
-        count = len(self.nodes)
-        matrix = sparse.csr_array((np.tile(lengths, 2), (row, col)), shape=(count, count))
-        try:
-            if library == "networkx":
-                import networkx
-
-                return networkx.from_scipy_sparse_array(matrix)
-            if library == "libpysal":
-                from libpysal.graph import Graph
-
-                return Graph.from_sparse(matrix)
-        except ImportError as error:
-            raise MissingExtraError(
-                f"{library} is not installed: pip install 'geomesh-toolkit[graph]'"
-            ) from error
-        return matrix
+        return build_graph(self.map_nodes, self.edges, library)
 
     def to_file(
         self,
@@ -284,6 +267,25 @@ class Mesh:
         return write_mesh(
             self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
         )
+
+    def psnr(
+        self,
+        source: Source,
+        *,
+        model: Model = "linear",
+        fit: Fit = "least_squares",
+        **options: Any,
+    ) -> Fidelity:
+        """Return how faithfully the mesh shows a raster; see `geomesh.fidelity.judge`."""
+        from geomesh.fidelity import judge
+
+        return judge(self, source, model=model, fit=fit, **options)
+
+    def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
+        """Paint the mesh on a raster's pixels; see `geomesh.io.painting.render_file`."""
+        from geomesh.io.painting import render_file
+
+        return render_file(self, source, path, **options)
 
     def plot(self, column: str = "color", **options: Any) -> Any:
         """Draw the mesh with matplotlib, filled by `column`; see `geomesh.figures.plot_mesh`."""

@@ -31,7 +31,7 @@ from geomesh.raster import Excerpt, Scene
 from geomesh.recipe import Recipe
 from geomesh.sources import Source, open_scene
 from geomesh.table import Table
-from geomesh.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
+from geomesh.tiles import Progress, part_of
 from geomesh.topology import Triangles
 from geomesh.triangulate import constrained_delaunay, delaunay
 from geomesh.workers import Crew, open_crew
@@ -159,7 +159,9 @@ def mesh_scene(
         )
         if shaped is not None:
             shaped(mesh)
-        statistics = measure(mesh, scene, crew, part_of(progress, 0.8, 1))
+        statistics = zonal.measure_scene(
+            mesh.nodes, mesh.triangles, scene, crew, part_of(progress, 0.8, 1)
+        )
     _warn(nodes.notes)
     names = columns.band_names([band.description for band in scene.bands])
     return replace(
@@ -255,27 +257,6 @@ def triangulate(
         nodes, points=nodes.points[used], table=nodes.table.take(used), segments=segments
     )
     return kept, np.ascontiguousarray(triangles)
-
-
-def measure(mesh: Mesh, scene: Scene, crew: Crew, progress: Progress) -> zonal.Statistics:
-    """Return what the scene holds in each triangle and at each node of a mesh."""
-    tiles = plan_tiles(scene.grid.extent, halo=1)
-    shares = zip(tiles, zonal.share_out(mesh.nodes, mesh.triangles, tiles), strict=True)
-    partials = map_tiles(
-        _measure_tile,
-        ((scene.excerpt(tile.read), tile, share) for tile, share in shares),
-        len(tiles),
-        crew,
-        progress=progress,
-        message="Measuring triangles",
-    )
-    return zonal.merge(partials, len(mesh.triangles), len(mesh.nodes), len(scene.bands))
-
-
-def _measure_tile(task: tuple[Scene, Tile, zonal.Share]) -> zonal.TilePartial:
-    scene, tile, share = task
-    bands, valid = scene.read(tile.read)
-    return share.measure(bands, valid, tile.read, tile.core)
 
 
 def _colors(means: NDArray[np.float64], scene: Scene, tone: Tone) -> NDArray[np.str_]:

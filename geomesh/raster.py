@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Any
 from uuid import uuid4
@@ -139,17 +140,20 @@ class Scene:
         there = replace(window, col=window.col + base.col, row=window.row + base.row)
         if isinstance(self.source, Excerpt):
             bands, valid = self.source.read(there, shape, [band.index - 1 for band in self.bands])
-        elif isinstance(self.source, str):
+        else:
             # Decimated windows do not overlap: there is nothing to share, but for a scene that
             # the cache of one handle holds, which then need not be decoded again.
-            shared = shape is None or self._fits_cache
-            lent = handles(self.reading, self.source, self.size).lend(shared=shared)
-            with lent as dataset:
-                bands, valid = self._read_dataset(dataset, there, shape)
-        else:
-            with self.source.lend() as dataset:
+            with self.lend(shared=shape is None or self._fits_cache) as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
         return bands, self._narrowed(bands, valid, there)
+
+    def lend(self, *, shared: bool = True) -> AbstractContextManager[rasterio.DatasetReader]:
+        """Return the context of the dataset behind the scene, for one thread at a time."""
+        if isinstance(self.source, Excerpt):
+            raise TypeError(f"{self.name} is an array, not a dataset")
+        if isinstance(self.source, Borrowed):
+            return self.source.lend()
+        return handles(self.reading, self.source, self.size).lend(shared=shared)
 
     @property
     def _fits_cache(self) -> bool:
@@ -196,9 +200,8 @@ class Scene:
         self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
     ) -> NDArray[np.bool_]:
         """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
-        if self.nodata is not None and _holds(bands.dtype, self.nodata):
-            with np.errstate(over="ignore"):
-                valid &= (bands != np.array(self.nodata).astype(bands.dtype)).all(axis=0)
+        if self.nodata is not None and can_hold(bands.dtype, self.nodata):
+            valid &= (bands != np.array(self.nodata).astype(bands.dtype)).all(axis=0)
         if bands.dtype.kind == "f":
             valid &= np.isfinite(bands).all(axis=0)
         if self.area is not None:
@@ -230,9 +233,9 @@ class Scene:
         )
 
 
-def _holds(dtype: np.dtype[Any], value: float) -> bool:
+def can_hold(dtype: np.dtype[Any], value: float) -> bool:
     """Tell whether a pixel of this type can have the value at all."""
     if dtype.kind == "f":
-        return True
+        return not math.isfinite(value) or abs(value) <= float(np.finfo(dtype).max)
     limits = np.iinfo(dtype)
     return value.is_integer() and limits.min <= value <= limits.max

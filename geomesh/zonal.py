@@ -1,8 +1,8 @@
 """What the raster holds in each triangle and at each node.
 
-A tile is measured by itself (`measure_tile`) and the partial results are merged
-in the order of the tile plan (`merge`), so that the outcome is the same to the
-last bit whichever process measured which tile.
+A scene is measured tile by tile (`measure_scene`): each by itself (`measure_tile`),
+and the partial results are merged in the order of the tile plan (`merge`), so that
+the outcome is the same to the last bit whichever process measured which tile.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from geomesh.grid import Points, Window
 from geomesh.jit import plain_bands
+from geomesh.raster import Scene
 from geomesh.table import read_only
-from geomesh.tiles import Tile
+from geomesh.tiles import Progress, Tile, map_tiles, plan_tiles
 from geomesh.topology import Triangles
+from geomesh.workers import Crew
 from geomesh.zonal_kernels import add, bin_triangles, blend, near_box, scan_triangles
 
 Floats = NDArray[np.float64]
@@ -141,6 +143,29 @@ class Statistics:
             object.__setattr__(self, field.name, read_only(getattr(self, field.name)))
 
 
+def measure_scene(
+    nodes: Points, triangles: Triangles, scene: Scene, crew: Crew, progress: Progress
+) -> Statistics:
+    """Return what a scene holds in each triangle and at each node of a mesh of it."""
+    tiles = plan_tiles(scene.grid.extent, halo=1)
+    shares = zip(tiles, share_out(nodes, triangles, tiles), strict=True)
+    partials = map_tiles(
+        _read_and_measure,
+        ((scene.excerpt(tile.read), tile, share) for tile, share in shares),
+        len(tiles),
+        crew,
+        progress=progress,
+        message="Measuring triangles",
+    )
+    return merge(partials, len(triangles), len(nodes), len(scene.bands))
+
+
+def _read_and_measure(task: tuple[Scene, Tile, Share]) -> TilePartial:
+    scene, tile, share = task
+    bands, valid = scene.read(tile.read)
+    return share.measure(bands, valid, tile.read, tile.core)
+
+
 def measure_tile(
     nodes: Points,
     triangles: Triangles,
@@ -196,7 +221,7 @@ def measure_tile(
         count=count,
         moments=moments,
         centroid_index=without[held],
-        centroid_values=_sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
+        centroid_values=sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
         node_index=mine,
         node_values=node_values,
     )
@@ -242,7 +267,7 @@ def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:
     return inside
 
 
-def _sample(
+def sample(
     x: Floats, y: Floats, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
 ) -> Floats:
     """Return the values (B, P) of the pixels at x, y; NaN where not valid or not there."""

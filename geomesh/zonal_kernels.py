@@ -182,19 +182,25 @@ def blend(
 ) -> None:
     """Fill `values` (B, P): bilinear between the four pixel centres around each point.
 
-    The weights of pixels that are not valid, or beyond the image, go to the others.
+    The weights of pixels that are not valid, or beyond the image, go to the others. Taken
+    relative to one of them, so that among equal pixels the value is theirs to the last bit.
     """
     height, width = valid.shape
     for p in range(len(points)):
         x, y = points[p, 0] - 0.5 - origin[1], points[p, 1] - 0.5 - origin[0]
         left, top = math.floor(x), math.floor(y)
-        total = 0.0
+        total, r, c = 0.0, 0, 0
         values[:, p] = 0.0
         for row in (top, top + 1):
             for col in (left, left + 1):
                 if 0 <= row < height and 0 <= col < width and valid[row, col]:
                     weight = (1 - abs(x - col)) * (1 - abs(y - row))
+                    if total == 0:
+                        r, c = row, col
                     total += weight
                     for band in range(len(bands)):
-                        values[band, p] += weight * np.float64(bands[band, row, col])
-        values[:, p] /= total if total > 0 else np.nan
+                        start = np.float64(bands[band, r, c])
+                        values[band, p] += weight * (np.float64(bands[band, row, col]) - start)
+        for band in range(len(bands)):
+            # 0 / 0, and so NaN, without a valid pixel.
+            values[band, p] = np.float64(bands[band, r, c]) + values[band, p] / total

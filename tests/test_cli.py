@@ -313,7 +313,9 @@ def test_settings_reach_the_recipe(tmp_path):
     assert tuple(recipe["stretch"]) == (1, 99)
 
 
-@pytest.mark.parametrize("command", [[], ["mesh"], ["stages"], ["quality"], ["info"], ["convert"]])
+@pytest.mark.parametrize(
+    "command", [[], ["mesh"], ["stages"], ["quality"], ["evaluate"], ["info"], ["convert"]]
+)
 def test_help_shows_examples(command):
     stdout, _ = run(*command, "--help")
     assert "Examples:\n" in stdout

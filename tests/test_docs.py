@@ -1,20 +1,29 @@
 """What the documents say is so: examples run, and every column is listed."""
 
+import ast
 import doctest
 import importlib
+import json
 import pkgutil
 import re
+import runpy
+import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import click
+import pyogrio
 import pytest
+from click.testing import CliRunner
 from conftest import SAMPLES
 
 import geomesh
+from geomesh.cli import cli
 
 ROOT = Path(__file__).parent.parent
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))]
 
 
 def test_the_readme_example_runs(tmp_path, monkeypatch):
@@ -41,9 +50,142 @@ def test_the_cluster_example_runs(tmp_path):
 
 
 def test_links_between_documents_lead_somewhere():
-    for document in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md")):
+    for document in DOCUMENTS:
         for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text()):
             assert (document.parent / target).exists(), f"{document.name}: {target}"
+
+
+@pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
+@pytest.mark.parametrize("page", ["getting-started", "choose-bands", "nodata", "batch", "web"])
+def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("data_samples").symlink_to(SAMPLES)
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    blocks = re.findall(r"^```(sh|python)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert blocks
+    for language, code in blocks:
+        if language == "python":
+            exec(code, {})
+            continue
+        for line in code.replace("\\\n", "").splitlines():
+            run_line(line)
+
+
+def test_pydelatin_does_what_is_said_of_it(monkeypatch, capsys):
+    pytest.importorskip("pydelatin")
+    monkeypatch.chdir(ROOT)
+    text = (ROOT / "docs" / "neighbours.md").read_text()
+    code = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0]
+    assert "from pydelatin" in code
+    exec(code, {})
+    assert capsys.readouterr().out.strip() == code.split("#")[-1].strip()
+
+
+def run_line(line: str) -> None:
+    """Run a line as a shell would: geomesh in this process, which has loaded its libraries."""
+    if not line.startswith("geomesh "):
+        subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
+        return
+    command, _, target = line.partition(" > ")
+    words = [
+        found
+        for word in shlex.split(command)[1:]
+        for found in sorted(map(str, Path().glob(word))) or [word]
+    ]
+    outcome = CliRunner().invoke(cli, words)
+    assert outcome.exit_code == 0, f"{line}\n{outcome.output}"
+    if target:
+        Path(target).write_text(outcome.stdout)
+
+
+def test_every_command_in_the_documents_is_one_that_geomesh_takes():
+    found = 0
+    for document in DOCUMENTS:
+        text = document.read_text().replace("\\\n", "")
+        for line in re.findall(r"^(?: {4})?(geomesh [a-z].*)$", text, re.MULTILINE):
+            words = shlex.split(re.split(r" [>|] ", line)[0], comments=True)
+            if words[1] not in cli.commands:
+                continue  # prose
+            try:
+                cli.commands[words[1]].make_context(words[1], words[2:])
+            except click.UsageError as error:
+                pytest.fail(f"{document.name}: {line}: {error.format_message()}")
+            found += 1
+    assert found > 30
+
+
+def test_the_check_of_the_site_finds_what_needs_a_network_or_leads_nowhere(tmp_path):
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    (tmp_path / "style.css").write_text('@import "https://fonts.example/a.css"; a {color: red}')
+    (tmp_path / "other.html").write_text("<p id=here></p>")
+    (tmp_path / "index.html").write_text(
+        """<script src="https://cdn.example/a.js"></script> <img src="//cdn.example/a.png">
+        <link rel="stylesheet" href="style.css"> <a href="https://example.org">fine</a>
+        <a href="other.html#here">fine</a> <a href="other.html#gone">no such place</a>
+        <a href="gone.html">not there</a> <a href="#gone">no such place</a>"""
+    )
+    pages = check["read"](tmp_path)
+    assert len(list(check["outside"](pages))) == 2
+    assert len(list(check["styles"](tmp_path))) == 1
+    assert len(list(check["dangling"](pages))) == 3
+    assert len(list(check["missing"](pages, tmp_path))) == len(cli.commands)
+
+
+def test_every_test_that_the_documents_name_exists():
+    tests = "".join(path.read_text() for path in ROOT.glob("tests/test_*.py"))
+    for document in DOCUMENTS:
+        for name in re.findall(r"`(test_\w+)`", document.read_text()):
+            assert f"def {name}(" in tests, f"{document.name}: {name}"
+        for name in re.findall(r"`(tests/\w+\.py)`", document.read_text()):
+            assert (ROOT / name).exists(), f"{document.name}: {name}"
+
+
+def test_every_public_name_is_in_the_reference():
+    text = (ROOT / "docs" / "api.rst").read_text()
+    told = set(re.findall(r"auto(?:class|function):: geomesh\.(\w+)$", text, re.MULTILINE))
+    errors = {"GeomeshError", "GeomeshWarning"}  # told by `automodule:: geomesh.errors`
+    assert "automodule:: geomesh.errors" in text
+    assert told == {*geomesh.__all__} - errors - {"__version__"}
+
+
+def rooms() -> dict[str, int]:
+    """Modules of geomesh on the room map of CONTRIBUTING.md, by the line that they stand in."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    section = text.split("## The rooms of the code")[1].split("The plugin,")[0]
+    lines = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
+    return {
+        room.removesuffix(".py").rstrip("/"): number
+        for number, line in enumerate(lines)
+        for room in re.findall(r"`([^`]+)`", line)
+    }
+
+
+def modules() -> dict[str, Path]:
+    """Files of geomesh by their room: a module, or the folder that it lies in."""
+    package = ROOT / "geomesh"
+    aside = {"__init__.py", "__main__.py", "_version.py"}
+    return {
+        path.relative_to(package).as_posix(): path
+        for path in package.rglob("*.py")
+        if path.name not in aside
+    }
+
+
+def test_every_module_is_on_the_room_map():
+    on_the_map = rooms()
+    found = {name.split("/")[0].removesuffix(".py") for name in modules()}
+    assert found == set(on_the_map)
+
+
+def test_imports_go_from_lower_to_upper_rooms_only():
+    line = rooms()
+    for name, path in modules().items():
+        room = name.split("/")[0].removesuffix(".py")
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("geomesh."):
+                above = node.module.split(".")[1]
+                if above in line:
+                    assert line[above] <= line[room], f"{name} imports {node.module}"
 
 
 def test_docstring_examples_run(monkeypatch):
@@ -56,14 +198,25 @@ def test_docstring_examples_run(monkeypatch):
     assert attempted > 0
 
 
-@pytest.mark.parametrize("layer", ["triangles", "nodes", "edges"])
-def test_every_column_is_documented_in_order(layer):
+def documented(section: str) -> list[str]:
+    """Names in the first column of the table in a section of docs/formats.md."""
     text = (ROOT / "docs" / "formats.md").read_text()
-    section = text.split(f"\n## {layer}\n")[1].split("\n## ")[0]
-    told = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
-    names = [name for cell in told for name in re.findall(r"`([^`]+)`", cell)]
-    mesh = geomesh.mesh_raster(SAMPLES / "colorado_dem_float32_epsg4269.tif")
-    expected = list(mesh.attributes(layer))
+    table = text.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    told = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    return [name for cell in told for name in re.findall(r"`([^`]+)`", cell)]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A GeoPackage of one band."""
+    path = tmp_path_factory.mktemp("written") / "mesh.gpkg"
+    return geomesh.mesh_raster(SAMPLES / "colorado_dem_float32_epsg4269.tif").to_file(path)
+
+
+@pytest.mark.parametrize("layer", ["triangles", "nodes", "edges"])
+def test_every_column_of_a_file_is_documented_in_order(layer, written):
+    names = documented(layer)
+    expected = list(pyogrio.read_info(written, layer=layer)["fields"])
     if layer == "triangles":
         names[names.index("_std") : names.index("_max") + 1] = [
             "<band>_std",
@@ -71,3 +224,18 @@ def test_every_column_is_documented_in_order(layer):
             "<band>_max",
         ]
     assert names == [re.sub(r"^b1", "<band>", name) for name in expected]
+
+
+def test_every_measure_is_documented():
+    mesh = geomesh.mesh_raster(SAMPLES / "colorado_dem_float32_epsg4269.tif")
+    added = mesh.with_measures().triangle_table.keys() - mesh.triangle_table.keys()
+    assert set(documented("Measures of quality")) == added
+    in_map_units = mesh.with_measures("map").triangle_table.keys() - mesh.triangle_table.keys()
+    assert in_map_units == {f"map_{name}" for name in mesh.quality().table}
+
+
+def test_every_entry_of_the_metadata_is_documented(written):
+    document = json.loads(
+        pyogrio.read_info(written, layer="triangles")["layer_metadata"]["geomesh"]
+    )
+    assert set(documented("Metadata")) == set(document)

@@ -15,9 +15,11 @@ import click
 
 from geomesh._version import __version__
 from geomesh.cli.convert import convert
+from geomesh.cli.evaluate import evaluate
 from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
+from geomesh.cli.render import render
 from geomesh.cli.stages import stages
 from geomesh.memory import keep_freed_memory
 
@@ -67,10 +69,12 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh mesh scene.tif -o mesh.gpkg --nodes 5000 --bidx 4,3,2
       geomesh stages scene.tif -o stages.png
       geomesh quality mesh.gpkg
+      geomesh render mesh.gpkg --like scene.tif -o painted.tif
+      geomesh evaluate scenes/ -o table1.csv
       geomesh convert mesh.gpkg -o web.geojson
     """
     ctx.obj = debug
 
 
-for command in (mesh, stages, quality, info, convert):
+for command in (mesh, stages, quality, render, evaluate, info, convert):
     cli.add_command(command)

@@ -26,7 +26,7 @@ _RECIPE = (
 )
 
 
-def _numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
+def numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
     """Parse '3,2,1' as rio does."""
     if value is None:
         return None
@@ -121,7 +121,7 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
             click.option(
                 "-b",
                 "--bidx",
-                callback=_numbers,
+                callback=numbers,
                 metavar="N,N,...",
                 help="Bands to use, from 1; three are taken as red, green, blue. "
                 "Default: all but alpha.",

@@ -33,6 +33,14 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
     the same to the last bit. Constraints come in the order of the edges, the lower
     node id first.
 
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Mesh
+
     Raises
     ------
     MeshFileError

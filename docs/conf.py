@@ -1,0 +1,75 @@
+"""Sphinx: how the pages in this folder become the site that `make docs` builds."""
+
+import os
+import sys
+from pathlib import Path
+
+import geomesh
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_extensions"))
+
+# The tutorial's kernel is the Python that builds, and tells of errors alone.
+os.environ["JUPYTER_PATH"] = str(HERE / "_jupyter")
+os.environ.pop("MPLBACKEND", None)
+
+project = "geomesh"
+author = "The geomesh developers"
+copyright = author  # noqa: A001
+version = release = geomesh.__version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "numpydoc",
+    "myst_nb",
+    "commands",
+    "mathml",
+    "parameters",
+]
+default_role = "code"  # what docstrings have between single backquotes
+exclude_patterns = ["_extensions", "_jupyter"]
+nitpicky = True
+
+# Pages stand in the repository, too: they are Markdown that its browser shows as it is.
+source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}
+myst_enable_extensions = ["dollarmath"]
+# A command is followed by its output or a comment: no language would colour it well.
+highlight_language = "none"
+smartquotes = False  # it would make one dash of the two of an option
+
+# The tutorial runs in every build: a stale page would be worse than a slow one.
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_merge_streams = True
+nb_ipywidgets_js = {}
+
+autodoc_typehints = "none"  # the docstrings give types, with shapes and units
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+
+html_theme = "pydata_sphinx_theme"
+html_title = "geomesh"
+html_static_path = ["_static"]
+html_css_files = ["geomesh.css"]
+html_math_renderer = "mathml"
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "logo": {
+        "text": "geomesh",
+        "image_light": "_static/logo.svg",
+        "image_dark": "_static/logo.svg",
+    },
+    "navbar_align": "left",
+    "navbar_end": ["theme-switcher"],
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "pygments_light_style": "a11y-high-contrast-light",
+    "pygments_dark_style": "a11y-high-contrast-dark",
+}
+html_sidebars = {
+    page: [] for page in ("index", "getting-started", "tutorial", "paper", "how-it-is-built")
+}

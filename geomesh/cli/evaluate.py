@@ -1,0 +1,129 @@
+"""`geomesh evaluate`: the paper's Table 1 on any images."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+from geomesh.cli.options import numbers, output_options
+from geomesh.cli.places import keep_inputs
+from geomesh.errors import EmptyError
+
+if TYPE_CHECKING:
+    from geomesh.comparison import Comparison
+
+
+@click.command()
+@click.argument("sources", metavar="SRC...", nargs=-1, required=True)
+@click.option("-o", "--output", metavar="CSV", help="Write every figure as CSV.")
+@click.option("--figure", metavar="FIG", help="Draw the distributions: .png, .pdf or .svg.")
+@click.option(
+    "-b",
+    "--bidx",
+    callback=numbers,
+    metavar="N,N,...",
+    help="Bands to use, from 1. Default: all but alpha.",
+)
+@click.option(
+    "--nodata",
+    type=float,
+    metavar="VALUE",
+    help="Nodata value, in place of the files' own (nan is a value too).",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Images to work on at a time. Default: one a core. The figures are the same for any N.",
+)
+@output_options
+@click.pass_obj
+def evaluate(
+    debug: bool,
+    /,
+    sources: tuple[str, ...],
+    output: str | None,
+    figure: str | None,
+    bidx: list[int] | None,
+    nodata: float | None,
+    workers: int | None,
+    overwrite: bool,
+    progress: str | None,
+    as_json: bool,
+) -> None:
+    """Print the paper's Table 1 for images, and what else there is to say of their meshes.
+
+    SRC is a file, a folder (for the rasters in it) or a quoted pattern. Every image is looked
+    at twice: at 256 x 256 pixels, where the presets `paper` and `features` and six baselines
+    get as many nodes as `paper` finds; and as it is (of more than 2048 pixels a side, the
+    middle), where `features` and the baselines get as many as `features` finds.
+
+    An image that fails is told of and left out; the exit code is then 1, though the tables
+    are those of the others. If all fail, nothing is written.
+
+    \b
+    Examples:
+      geomesh evaluate scene.tif
+      geomesh evaluate scenes/ -o table1.csv --figure table1.png
+      geomesh evaluate 'scenes/**/*.tif' --json > table1.json
+    """
+    console = open_console(progress, quiet=as_json)
+    console.start("evaluate", " ".join(sources))
+    outputs = [path for path in (output, figure) if path is not None]
+    comparison = None
+    with guarded(console, debug) as problems:
+        with console.progress() as report:
+            from geomesh.evaluate import evaluate as evaluate_images
+            from geomesh.imagefiles import find_images
+
+            images = find_images(sources)
+            keep_inputs(outputs, images)
+            _check_outputs(output, figure, overwrite)
+            comparison = evaluate_images(
+                images, bidx=bidx, nodata=nodata, workers=workers, progress=report
+            )
+        for failure in comparison.failures:
+            console.error(failure.code, failure.error)
+        if not comparison.records:
+            raise EmptyError(f"none of {len(images)} images could be evaluated; nothing is written")
+        if output is not None:
+            comparison.to_csv(output, overwrite=overwrite)
+        if figure is not None:
+            _draw(comparison, figure, overwrite)
+    if comparison is None:
+        sys.exit(1)
+    if as_json:
+        click.echo(json.dumps(comparison.to_dict(), indent=2))
+    elif comparison.records and progress != "jsonl":
+        from geomesh.cli.table1 import print_comparison
+
+        print_comparison(comparison)
+    if not problems and (outputs or progress == "jsonl"):
+        figures = {"images": len(comparison.images), "failed": len(comparison.failures)}
+        console.result(outputs, figures, "\n".join(f"{path}: written" for path in outputs))
+    sys.exit(1 if problems or comparison.failures else 0)
+
+
+def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> None:
+    """Refuse outputs that could not be written, before the work is done."""
+    from geomesh.io.atomic import check_place
+
+    if output is not None:
+        check_place(Path(output), overwrite=overwrite)
+    if figure is not None:
+        import geomesh.comparison_figure  # noqa: F401  (says so if matplotlib is not there)
+        from geomesh.figures import check_picture
+
+        check_picture(figure, overwrite=overwrite)
+
+
+def _draw(comparison: Comparison, figure: str, overwrite: bool) -> None:
+    from geomesh.comparison_figure import draw_comparison
+    from geomesh.figures import save_picture
+
+    save_picture(draw_comparison(comparison), figure, overwrite=overwrite)

@@ -1,0 +1,154 @@
+"""`geomesh render`: a mesh as a raster again."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from geomesh.cli.console import guarded, open_console
+from geomesh.cli.options import numbers, output_options
+from geomesh.cli.places import keep_inputs
+
+if TYPE_CHECKING:
+    from geomesh.fidelity import Fidelity
+
+
+def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> Any:
+    """Parse NAME=VALUE as rio does."""
+    options = {}
+    for item in value:
+        name, equals, text = item.partition("=")
+        if not (name and equals):
+            raise click.BadParameter(f"{item!r}: give NAME=VALUE, such as COMPRESS=ZSTD")
+        options[name] = text
+    return options
+
+
+@click.command()
+@click.argument("mesh_file", metavar="MESH")
+@click.option(
+    "--like",
+    "source",
+    required=True,
+    metavar="SRC",
+    help="The raster that the mesh was made of; it gives the pixels and their values.",
+)
+@click.option("-o", "--output", required=True, metavar="OUT", help="GeoTIFF to write.")
+@click.option(
+    "--model",
+    type=click.Choice(["linear", "constant"]),
+    default="linear",
+    show_default=True,
+    help="Linear in each triangle between its nodes, or one value a triangle.",
+)
+@click.option(
+    "--fit",
+    type=click.Choice(["least-squares", "sampled"]),
+    default="least-squares",
+    show_default=True,
+    help="Choose the values so that the pixels err least, or take them from the raster at the "
+    "nodes and centroids.",
+)
+@click.option(
+    "-b",
+    "--bidx",
+    callback=numbers,
+    metavar="N,N,...",
+    help="Bands of SRC, from 1. Default: those of which the mesh was made.",
+)
+@click.option("--crs", metavar="CRS", help="Coordinate system, in place of the one of SRC.")
+@click.option(
+    "--co",
+    "creation",
+    multiple=True,
+    callback=_creation,
+    metavar="NAME=VALUE",
+    help="Creation option of GDAL's GTiff driver, such as COMPRESS=ZSTD (repeatable).",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Tiles to work on at a time. Default: one a core. The picture is the same for any N.",
+)
+@output_options
+@click.pass_obj
+def render(
+    debug: bool,
+    /,
+    mesh_file: str,
+    source: str,
+    output: str,
+    model: Any,
+    fit: str,
+    bidx: list[int] | None,
+    crs: str | None,
+    creation: dict[str, str],
+    workers: int | None,
+    overwrite: bool,
+    progress: str | None,
+    as_json: bool,
+) -> None:
+    """Paint MESH (.gpkg) on the pixels of SRC, and tell how faithful that is (PSNR).
+
+    OUT has the type of SRC, the part of its grid that the mesh was made of, and the nodata
+    value of SRC, or a mask, outside the mesh.
+
+    \b
+    Examples:
+      geomesh render mesh.gpkg --like scene.tif -o painted.tif
+      geomesh render mesh.gpkg --like scene.tif -o flat.tif --model constant
+      geomesh render mesh.gpkg --like scene.tif -o painted.tif --co COMPRESS=ZSTD --json
+    """
+    console = open_console(progress, quiet=as_json)
+    console.start("render", mesh_file)
+    with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.io.geotiff import check_geotiff
+        from geomesh.io.painting import render_file
+        from geomesh.io.read import read_mesh
+        from geomesh.tiles import part_of
+
+        keep_inputs([output], [mesh_file, source])
+        check_geotiff(output, overwrite=overwrite)
+        report(0.0, "Reading the mesh")
+        fidelity = render_file(
+            read_mesh(mesh_file),
+            source,
+            output,
+            model=model,
+            fit="sampled" if fit == "sampled" else "least_squares",
+            bidx=bidx,
+            crs=crs,
+            creation=creation,
+            overwrite=overwrite,
+            workers=workers,
+            progress=part_of(report, 0.05, 1),
+        )
+    outcome: dict[str, Any] = {"source": mesh_file, "error": "".join(failures[:1])}
+    if not failures:
+        figures = {"model": model, "fit": fit, **fidelity.summary()}
+        outcome = {"source": mesh_file, "like": source, "output": output, **figures}
+        if not as_json and progress != "jsonl":
+            _print_fidelity(fidelity)
+        told = f"{output}: {mesh_file} on the pixels of {source}, PSNR {fidelity.overall:.2f} dB"
+        console.result([output], figures, told)
+    if as_json:
+        click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
+    sys.exit(1 if failures else 0)
+
+
+def _print_fidelity(fidelity: Fidelity) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"over {fidelity.pixels:,} pixels", title_justify="left")
+    table.add_column("band")
+    for column in ("PSNR, dB", "RMSE", "peak"):
+        table.add_column(column, justify="right")
+    rows = zip(fidelity.bands, fidelity.psnr, fidelity.rmse, fidelity.peak, strict=True)
+    for band, decibels, rmse, peak in rows:
+        table.add_row(band, f"{decibels:.2f}", f"{rmse:.4g}", f"{peak:.6g}")
+    Console(stderr=True).print(table)

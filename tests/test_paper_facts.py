@@ -1,0 +1,115 @@
+"""What docs/paper.md tells beyond tests/test_table1.py: of real images, and of squared lengths."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SAMPLES
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay
+
+import geomesh
+from geomesh.evaluate import evaluate
+from geomesh.quality import ki, measure
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+# Sides AB, BC and CA of Table 1, and its Ki.
+PROPOSED, PROPOSED_KI = (101, 213, 99), 102
+SILVA = (97, 160, 85)
+
+TWO_SAMPLES = ["olinda_landsat7_rgb_uint8.tif", "iguacu_landsat8_rgb_uint16.tif"]
+
+lengths = st.floats(0.1, 1000)
+
+
+@given(lengths, lengths, lengths, st.floats(1.001, 2))
+def test_ki_rises_with_bc_and_ca_and_falls_with_ab(ab, bc, ca, factor):
+    assert ki(ab, bc * factor, ca) > ki(ab, bc, ca)
+    assert ki(ab, bc, ca * factor) > ki(ab, bc, ca)
+    assert ki(ab * factor, bc, ca) < ki(ab, bc, ca)
+
+
+@pytest.mark.parametrize("name", TWO_SAMPLES)
+def test_as_many_random_points_have_a_higher_ki_than_the_pipeline(name):
+    mesh = geomesh.mesh_raster(SAMPLES / name, preset="paper")
+    ours = mesh.quality().summary()["measures"]["ki"]["mean"]
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        points = rng.random((len(mesh.nodes), 2)) * 256
+        triangles = Delaunay(points).simplices.astype(np.int32)
+        assert measure(points, triangles, size=(256, 256)).table["ki"].mean() > ours
+
+
+@pytest.mark.parametrize("name", TWO_SAMPLES)
+def test_a_mean_ki_of_table_1_would_need_fewer_than_ten_nodes(name):
+    mesh = geomesh.mesh_raster(SAMPLES / name, preset="paper")
+    normalised = mesh.quality().summary()["ki_normalised"]
+    # Ki = normalised sqrt(A / N), solved for N.
+    assert 256**2 * (normalised / PROPOSED_KI) ** 2 < 10
+
+
+def test_the_square_roots_of_table_1_are_sides_of_triangles():
+    for sides in (PROPOSED, SILVA):
+        ab, bc, ca = map(math.sqrt, sides)
+        assert bc < ab + ca
+    ab, bc, ca = map(math.sqrt, PROPOSED)
+    angle = math.degrees(math.acos((ab**2 + ca**2 - bc**2) / (2 * ab * ca)))
+    assert angle == pytest.approx(93.7, abs=0.1)
+
+
+def sides_with_bc_longest(mesh: geomesh.Mesh) -> np.ndarray:
+    """AB, BC and CA, (3, T), of a mesh: BC the longest, AB and CA in the order of the corners."""
+    corners = mesh.plane_nodes[mesh.triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    longest = sides.argmax(axis=1)[:, None]
+    return np.take_along_axis(sides, (longest + np.array([2, 0, 1])) % 3, axis=1).T
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [(TWO_SAMPLES[0], (79, 180, 91)), (TWO_SAMPLES[1], (98, 211, 103))]
+)
+def test_squared_sides_are_of_the_size_of_table_1_and_sides_are_not(name, told):
+    sides = sides_with_bc_longest(geomesh.mesh_raster(SAMPLES / name, preset="paper"))
+    squared = np.median(sides**2, axis=1)
+    # What docs/paper.md tells; another processor may round otherwise.
+    np.testing.assert_allclose(squared, told, rtol=0.03)
+    assert np.abs(np.log(squared / PROPOSED)).max() < np.log(1.3)
+    assert (np.median(sides, axis=1) < np.array(PROPOSED) / 5).all()
+
+
+COLUMNS = {
+    "nodes": "nodes",
+    "AB": "ab",
+    "BC": "bc",
+    "CA": "ca",
+    "Ki": "ki",
+    "Ki / √(A/N)": "ki_normalised",
+    "smallest angle, mean": "angle_mean",
+    "PSNR, whole image": "psnr_whole",
+}
+
+
+@pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
+def test_tables_in_the_documents_are_what_the_command_gives():
+    pytest.importorskip("pydelatin")
+    averages = evaluate(SAMPLES).overall()
+    means = {found.method: found.mean for found in averages if found.plane == "256x256"}
+    for page in ("paper.md", "evaluate.md"):
+        text = (DOCS / page).read_text()
+        (table,) = re.findall(r"^\| method \| nodes \| AB .*\n\|[-|]+\n((?:\|.*\n)+)", text, re.M)
+        (head,) = re.findall(r"^\| method \| nodes \| AB .*", text, re.M)
+        names = [cell.strip() for cell in head.strip("|").split("|")]
+        for row in table.splitlines():
+            cells = dict(
+                zip(names, (cell.strip() for cell in row.strip("|").split("|")), strict=True)
+            )
+            found = means[cells.pop("method")]
+            for name, cell in cells.items():
+                told = float(re.match(r"[\d.]+", cell)[0])
+                assert told == pytest.approx(getattr(found, COLUMNS[name]), rel=0.01), (page, row)
