@@ -137,14 +137,14 @@ def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
     """Return the correction at each node, (N, B), with which the pixels err least.
 
     It minimises the sum of the squared errors plus `RIDGE` times the sum of the squared
-    corrections, which costs next to nothing in error, and
+    corrections. So there is one solution, always: a node without a pixel in its triangles
+    is left alone, and one that has few, all far from it, is not sent far away for a little.
+    And the errors never grow, for at the start they are all there is. That weight costs
+    0.002 dB where there is a node for five pixels, and nothing that shows where there are
+    fewer.
 
-    - leaves a node alone that has no pixel in its triangles, and keeps one that has few,
-      all far from it, from being sent far away for a little: there is one solution, always;
-    - never lets the squared errors grow: at the start, they are all there is.
-
-    Solved by conjugate gradients, scaled by the diagonal, which suits such matrices: a
-    few dozen steps, whatever the size of the mesh (Wathen 1987).
+    Solved by conjugate gradients, scaled by the diagonal: for such matrices the number of
+    steps does not grow with the mesh (Wathen 1987).
     """
     from scipy import sparse
     from scipy.sparse.linalg import cg

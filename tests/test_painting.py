@@ -196,6 +196,28 @@ def test_command_tells_json(tmp_path: Path, made: tuple[Path, Path], command: Ge
         assert (result["model"], result["fit"], result["output"]) == (model, fit, str(output))
 
 
+def test_command_tells_json_lines(
+    tmp_path: Path, made: tuple[Path, Path], command: Geomesh
+) -> None:
+    source, mesh = made
+    output = tmp_path / "painted.tif"
+    run = command("render", mesh, "--like", source, "-o", output, "--progress", "jsonl")
+    start, *steps, result = map(json.loads, run.out.splitlines())
+    assert (run.code, run.err, start["command"]) == (0, "", "render")
+    fractions = [step["fraction"] for step in steps]
+    assert fractions == sorted(set(fractions))
+    assert (fractions[0], fractions[-1]) == (0, 1)
+    assert result["outputs"] == [str(output)]
+    assert set(result["figures"]) == {"model", "fit", "pixels", "psnr", "bands"}
+
+
+@pytest.mark.parametrize(
+    "given", [(), ("--like=s.tif", "--co=COMPRESS"), ("--like=s.tif", "--model=cubic")]
+)
+def test_wrong_usage_exits_with_2(given: tuple[str, ...], command: Geomesh) -> None:
+    assert command("render", "mesh.gpkg", "-o", "out.tif", *given).code == 2
+
+
 def test_exact_pictures_are_null_in_json(tmp_path: Path, command: Geomesh) -> None:
     source = write(tmp_path, data=np.full((1, 20, 30), 9, np.uint8))
     mesh = mesh_of(source).to_file(tmp_path / "mesh.gpkg")

@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 import geomesh
-from geomesh import pipeline
 from geomesh.errors import GeomeshWarning, RecipeError
+from geomesh.tiles import plan_tiles
 
 pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
 
@@ -144,10 +144,9 @@ def test_the_order_of_tiles_does_not_matter(monkeypatch):
     image = np.ma.masked_equal(image, 0)
     source = (image, Affine(30, 0, 0, 0, -30, 0), "EPSG:32610")
     forward = geomesh.mesh_raster(source)
-    plan = pipeline.plan_tiles
 
     def backward(*args, **options):
-        return plan(*args, **options)[::-1]
+        return plan_tiles(*args, **options)[::-1]
 
     monkeypatch.setattr("geomesh.detect.plan_tiles", backward)
     assert len(backward(forward.grid.extent)) == 4

@@ -59,7 +59,11 @@ def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
     metavar="N,N,...",
     help="Bands of SRC, from 1. Default: those of which the mesh was made.",
 )
-@click.option("--crs", metavar="CRS", help="Coordinate system, in place of the one of SRC.")
+@click.option(
+    "--crs",
+    metavar="CRS",
+    help="Coordinate system, in place of SRC's own, as given when the mesh was made.",
+)
 @click.option(
     "--co",
     "creation",
