@@ -13,12 +13,12 @@ from typing import NoReturn
 
 import click
 
-from geomesh._version import __version__
 from geomesh.cli.convert import convert
 from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.stages import stages
+from geomesh.cli.versions import print_versions
 from geomesh.memory import keep_freed_memory
 
 _INTERRUPTED = 130
@@ -55,7 +55,14 @@ def _leave(code: int) -> NoReturn:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, prog_name="geomesh")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=print_versions,
+    help="Show the versions of geomesh, GDAL, PROJ, OpenCV and others, and exit.",
+)
 @click.option("--debug", is_flag=True, help="Show a traceback when something fails.")
 @click.pass_context
 def cli(ctx: click.Context, debug: bool) -> None:
@@ -69,6 +76,8 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh quality mesh.gpkg
       geomesh convert mesh.gpkg -o web.geojson
     """
+    if isinstance(ctx.obj, dict) and "env" in ctx.obj:
+        ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: GDAL as rio's options want it
     ctx.obj = debug
 
 
