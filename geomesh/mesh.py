@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from geomesh.certificate import Certificate, DomainFacts
 from geomesh.checks import certify
-from geomesh.errors import MissingExtraError
 from geomesh.grid import Grid, Points
 from geomesh.quality import Quality, measure, measure_each
 from geomesh.table import Table, read_only
@@ -81,6 +80,11 @@ class Mesh:
     def __repr__(self) -> str:
         crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
         return f"<Mesh: {len(self.nodes)} nodes, {len(self.triangles)} triangles, {crs}>"
+
+    def _repr_html_(self) -> str:
+        from geomesh.notebook import mesh_html
+
+        return mesh_html(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copies and pickles are built anew, so that their arrays are read-only too.
@@ -233,29 +237,9 @@ class Mesh:
         scipy.sparse.csr_array (N, N), networkx.Graph or libpysal.graph.Graph
             Symmetric; weights are edge lengths in map units.
         """
-        from scipy import sparse
+        from geomesh.graph import build_graph
 
-        if library not in ("scipy", "networkx", "libpysal"):
-            raise ValueError(f"library is {library!r}: choose scipy, networkx or libpysal")
-        ends = self.edges.nodes
-        lengths = np.hypot(*(self.map_nodes[ends[:, 1]] - self.map_nodes[ends[:, 0]]).T)
-        row, col = np.concatenate([ends, ends[:, ::-1]]).T
-        count = len(self.nodes)
-        matrix = sparse.csr_array((np.tile(lengths, 2), (row, col)), shape=(count, count))
-        try:
-            if library == "networkx":
-                import networkx
-
-                return networkx.from_scipy_sparse_array(matrix)
-            if library == "libpysal":
-                from libpysal.graph import Graph
-
-                return Graph.from_sparse(matrix)
-        except ImportError as error:
-            raise MissingExtraError(
-                f"{library} is not installed: pip install 'geomesh-toolkit[graph]'"
-            ) from error
-        return matrix
+        return build_graph(self, library)
 
     def to_file(
         self,
@@ -290,3 +274,9 @@ class Mesh:
         from geomesh.figures import plot_mesh
 
         return plot_mesh(self, column, **options)
+
+    def explore(self, column: str = "color", **options: Any) -> Any:
+        """Show the triangles on a web map, filled by `column`; see `geomesh.notebook.explore`."""
+        from geomesh.notebook import explore
+
+        return explore(self, column, **options)
