@@ -169,7 +169,6 @@ def read_dataarray(
             + (f", or .rename({first}='band') if they are bands" if len(others) == 1 else "")
         )
     check_shape(name, source.shape)
-    nodata = source.rio.nodata
     crs = _crs(name, source) if with_crs else None
     return ArrayRaster(
         name,
@@ -177,8 +176,7 @@ def read_dataarray(
         _transform(name, source, x, y),
         crs,
         (source.rio.get_gcps() or (), crs),
-        # A masked array holds NaN there, and its own nodata value no more.
-        None if nodata is None or np.isnan(nodata) else float(nodata),
+        _nodata(name, source),
         _descriptions(source, others[0] if others else None),
     )
 
@@ -190,6 +188,20 @@ def _crs(name: str, source: DataArray) -> Any:
         raise GeoreferenceError(
             f"{name}: its CRS is not understood ({one_line(error)}); give another, crs='EPSG:32722'"
         ) from error
+
+
+def _nodata(name: str, source: DataArray) -> float | None:
+    try:
+        nodata = source.rio.nodata
+    except OverflowError:
+        return None  # no pixel of this type can have the value
+    except (TypeError, ValueError) as error:
+        raise SourceError(
+            f"{name}: its nodata value is not understood ({one_line(error)}); set it with "
+            ".rio.write_nodata()"
+        ) from error
+    # What is NaN is never valid; a masked array holds its own nodata value no more.
+    return None if nodata is None or np.isnan(nodata) else float(nodata)
 
 
 def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
@@ -214,13 +226,13 @@ def _transform(name: str, source: DataArray, x: Any, y: Any) -> Affine:
     """Return the transform that puts the centres of pixels where the coordinates say.
 
     That is the stored one, which is exact, unless a part was cut out since; then it
-    follows from the coordinates.
+    follows from the coordinates. Without coordinates nothing tells of a cut.
     """
     stored = _stored(source)
     if x in source.coords and y in source.coords:
         xs, ys = source.coords[x].values[None, :], source.coords[y].values[:, None]
     elif "xc" in source.coords and "yc" in source.coords:  # rioxarray's, of a turned grid
-        xs, ys = (source.coords[name].transpose(y, x).values for name in ("xc", "yc"))
+        xs, ys = (source.coords[each].transpose(y, x).values for each in ("xc", "yc"))
     else:
         return stored or IDENTITY
     for axis, values in ((x, xs), (y, ys)):

@@ -31,7 +31,10 @@ from geomesh.sources import open_scene
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 ROTATED = SAMPLES / "olinda_landsat7_rgb_rotated_gt.tif"
 
-pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning"),
+    pytest.mark.filterwarnings("ignore::PendingDeprecationWarning"),  # rioxarray's and rasterio's
+]
 
 
 @cache
@@ -58,14 +61,16 @@ def grid_array(values=None, x=None, y=None, crs="EPSG:31985", **coords):
     return array if crs is None else array.rio.write_crs(crs)
 
 
-@pytest.mark.parametrize("kind", ["lazy", "loaded", "dask", "bands last"])
-def test_a_dataarray_gives_the_mesh_of_its_file(sample, kind):
-    array = rioxarray.open_rasterio(sample, chunks={"x": 200, "y": 150} if kind == "dask" else None)
-    if kind == "loaded":
-        array = array.load()
-    if kind == "bands last":
-        array = array.transpose("x", "y", "band")
-    assert arrays_of(array) == arrays_of_file(sample)
+@pytest.mark.parametrize("chunks", [None, {"x": 200, "y": 150}], ids=["of a file", "of Dask"])
+def test_a_lazy_dataarray_gives_the_mesh_of_its_file(sample, chunks):
+    assert arrays_of(rioxarray.open_rasterio(sample, chunks=chunks)) == arrays_of_file(sample)
+
+
+@pytest.mark.parametrize("path", [OLINDA, ROTATED])
+@pytest.mark.parametrize("order", [("band", "y", "x"), ("x", "y", "band")])
+def test_dimensions_may_come_in_any_order(path, order):
+    array = rioxarray.open_rasterio(path).load().transpose(*order)
+    assert arrays_of(array) == arrays_of_file(path)
 
 
 def test_a_masked_dataarray_has_the_validity_and_the_statistics_of_its_file(sample):
@@ -173,6 +178,18 @@ def test_the_callers_nodata_and_crs_take_the_place_of_its_own():
     assert given.grid.crs.to_epsg() == 32722
     unclear = array.drop_vars("spatial_ref").assign_attrs(crs="EPSG:999999")
     assert open_scene(unclear, crs="EPSG:32722").grid.crs.to_epsg() == 32722
+
+
+def test_a_nodata_value_that_no_pixel_can_have_hides_none():
+    array = grid_array(np.arange(96, dtype=np.uint8).reshape(8, 12)).assign_attrs(_FillValue=-9999)
+    scene = open_scene(array)
+    assert scene.read(scene.grid.extent)[1].all()
+
+
+def test_a_lazy_dataarray_can_be_cropped_as_its_file():
+    bounds = (290_000, 9_112_000, 295_000, 9_118_000)
+    array = rioxarray.open_rasterio(OLINDA, chunks={"x": 100, "y": 90})
+    assert arrays_of(array, bounds=bounds) == arrays_of(OLINDA, bounds=bounds)
 
 
 def test_coordinates_in_single_precision_are_evenly_spaced():
@@ -325,6 +342,11 @@ REFUSED = {
         lambda: grid_array(crs=None).assign_attrs(crs="EPSG:999999"),
         GeoreferenceError,
         "its CRS is not understood .* give another, crs='EPSG:32722'",
+    ),
+    "an odd nodata value": (
+        lambda: grid_array().assign_attrs(_FillValue="none"),
+        SourceError,
+        r"nodata value is not understood .* \.rio\.write_nodata\(\)",
     ),
     "truths": (lambda: grid_array() > 5, BandError, "of type bool: .* convert them first"),
     "texts": (lambda: grid_array().astype(str), BandError, "of type <U"),
