@@ -144,15 +144,23 @@ except geomesh.GeomeshError as error:
 """
 
 
-def test_the_demo_runs_from_the_wheel_alone(wheel, tmp_path):
-    bare, folder = tmp_path / "bare", tmp_path / "work"
-    run(sys.executable, "-m", "venv", bare, cwd=tmp_path)
-    python, command, rio = (bare / BIN / name for name in ("python", "geomesh", "rio"))
+@pytest.fixture
+def bare(wheel, tmp_path):
+    """The programs of an environment with the wheel and what it depends on."""
+    place = tmp_path / "bare"
+    run(sys.executable, "-m", "venv", place, cwd=tmp_path)
+    python = place / BIN / "python"
     pinned = ("--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt")
     run(python, "-m", "pip", "install", *pinned, f"{wheel}[figures]", cwd=tmp_path)
-    run(python, "-m", "pip", "check", cwd=tmp_path)
+    yield place / BIN
+    shutil.rmtree(place)  # more than a gigabyte, and pytest keeps the folders of three runs
 
+
+def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):
+    python, command, rio = (bare / name for name in ("python", "geomesh", "rio"))
+    folder = tmp_path / "work"
     folder.mkdir()
+    run(python, "-m", "pip", "check", cwd=folder)
     shutil.copy(SAMPLES / "olinda_landsat7_rgb_uint8.tif", folder / "scene.tif")
     told, _ = run(command, "mesh", "scene.tif", "-o", "mesh.gpkg", "--nodes", 300, cwd=folder)
     assert told == "mesh.gpkg: 300 nodes, 495 triangles, certified\n"
