@@ -54,7 +54,7 @@ demo: $(BIN)/.installed
 	@echo "  open out/olinda.gpkg in QGIS, or: geopandas.read_file('out/olinda.gpkg')"
 
 test: $(BIN)/.developing
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup
 	$(MAKE) --no-print-directory lint
 
 lint: $(BIN)/.developing

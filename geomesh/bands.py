@@ -72,11 +72,15 @@ def dataset_bands(
 
 
 def array_bands(
-    name: str, dtype: np.dtype[Any], count: int, bidx: Sequence[int] | None
+    name: str,
+    dtype: np.dtype[Any],
+    descriptions: Sequence[str | None],
+    bidx: Sequence[int] | None,
 ) -> tuple[Band, ...]:
-    """Return the chosen bands of an array; see `dataset_bands`."""
+    """Return the chosen bands of an array that has one for each description."""
     _require_real(name, dtype)
-    return tuple(Band(index, None, None) for index in _choose(name, bidx, count, None))
+    chosen = _choose(name, bidx, len(descriptions), None)
+    return tuple(Band(index, descriptions[index - 1], None) for index in chosen)
 
 
 def _choose(name: str, bidx: Sequence[int] | None, count: int, alpha: int | None) -> list[int]:
@@ -98,9 +102,9 @@ def _choose(name: str, bidx: Sequence[int] | None, count: int, alpha: int | None
 
 def _require_real(name: str, dtype: np.dtype[Any]) -> None:
     if dtype.kind not in "uif":
+        way = "take the magnitude or one part" if dtype.kind == "c" else "convert them"
         raise BandError(
-            f"{name} has values of type {dtype}: only real numbers can be meshed; "
-            "take the magnitude or one part first"
+            f"{name} has values of type {dtype}: only real numbers can be meshed; {way} first"
         )
 
 

@@ -22,6 +22,7 @@ from geomesh.preprocess import Gray
 from geomesh.raster import Scene
 from geomesh.recipe import Recipe
 from geomesh.thresholds import canny_thresholds
+from geomesh.thumbnail import brightened, parse_colors
 from geomesh.tiles import Progress, part_of
 from geomesh.workers import open_crew
 
@@ -39,7 +40,6 @@ _NODE_COLOR = "#ffd200"
 _EDGE_COLOR = "#ffffff"
 _INK = "#222222"
 _PAPER = "#e4e4e4"
-_BRIGHTEST = 99
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
     axes[2].scatter(
         *features.T, s=_marker_size(len(features)), c=_NODE_COLOR, edgecolors=_INK, linewidths=0.3
     )
-    axes[3].imshow(_brightened(stages.image), extent=(0, width, height, 0))
+    axes[3].imshow(brightened(stages.image), extent=(0, width, height, 0))
     _draw_edges(axes[3], mesh.plane_nodes, mesh.edges.nodes)
     labels = (
         f"Grayscale, {width} × {height} pixels",
@@ -167,8 +167,12 @@ def plot_mesh(
     matplotlib Axes
     """
     collections = _matplotlib("collections")
+    attributes = mesh.attributes("triangles")
+    if column not in attributes:
+        raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
+    west, south, east, north = mesh.grid.bounds()
     if ax is None:
-        height_per_width = _height_per_width(mesh)
+        height_per_width = (north - south) / (east - west) * mesh.grid.aspect
         size = (8.0, min(max(8.0 * height_per_width, 3.0), 14.0) + 0.4)
         if path is None:
             ax = _matplotlib("pyplot").subplots(figsize=size, layout="constrained")[1]
@@ -176,23 +180,17 @@ def plot_mesh(
             ax = _matplotlib("figure").Figure(figsize=size, layout="constrained").subplots()
     figure: Any = ax.figure
     corners = mesh.map_nodes[mesh.triangles]
-    attributes = mesh.attributes("triangles")
-    if column not in attributes:
-        raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
     values = attributes[column]
     style: dict[str, Any] = {"edgecolors": edgecolor or "#ffffff59", "linewidths": 0.25}
     if column == "color":
-        from matplotlib.colors import to_rgba_array
-
-        shown = _brightened(255 * to_rgba_array(values)[:, :3]) / 255
+        shown = brightened(parse_colors(values)) / 255
         triangles = collections.PolyCollection(corners, facecolors=shown, **style)
     else:
         triangles = collections.PolyCollection(corners, array=values, cmap=cmap, **style)
         figure.colorbar(triangles, ax=ax, label=column, shrink=0.7)
     ax.add_collection(triangles)
-    west, south, east, north = mesh.grid.bounds()
-    ax.set(xlim=(west, east), ylim=(south, north) if mesh.grid.crs else (north, south))
-    ax.set_aspect(_aspect(mesh))
+    ax.set(xlim=(west, east), ylim=(north, south) if mesh.grid.y_runs_down else (south, north))
+    ax.set_aspect(mesh.grid.aspect)
     ax.set_facecolor(_PAPER)  # so that white triangles differ from no triangles
     crs = mesh.grid.crs
     unit = crs.axis_info[0].unit_name if crs and crs.axis_info else "pixel"
@@ -210,16 +208,6 @@ def plot_mesh(
     return ax
 
 
-def _brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return 8-bit colours (..., 3), those of a dark image scaled up together.
-
-    Raw 8-bit satellite bands use the lower part of the range only; what is bright
-    enough stays as it is.
-    """
-    greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
-    return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
-
-
 def _draw_edges(ax: Axes, nodes: NDArray[np.float64], edges: NDArray[np.integer]) -> None:
     """Draw edges twice, light on dark, so that they show on any image."""
     lines = _matplotlib("collections").LineCollection
@@ -231,19 +219,6 @@ def _draw_edges(ax: Axes, nodes: NDArray[np.float64], edges: NDArray[np.integer]
 
 def _marker_size(count: int) -> float:
     return float(np.clip(4000 / max(count, 1), 1.0, 12.0))
-
-
-def _height_per_width(mesh: Mesh) -> float:
-    west, south, east, north = mesh.grid.bounds()
-    return (north - south) / (east - west) * _aspect(mesh)
-
-
-def _aspect(mesh: Mesh) -> float:
-    """Length on the page of a unit of y over one of x: degrees of longitude are shorter."""
-    if mesh.grid.crs is None or not mesh.grid.crs.is_geographic:
-        return 1.0
-    _, south, _, north = mesh.grid.bounds()
-    return float(1 / max(np.cos(np.radians((south + north) / 2)), 0.1))
 
 
 def _matplotlib(module: str) -> Any:

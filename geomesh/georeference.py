@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 from pyproj import CRS
 from rasterio.transform import from_gcps
 
+from geomesh.dataarrays import ArrayRaster
 from geomesh.errors import GeoreferenceError, one_line
 from geomesh.grid import IDENTITY, Grid
 
-NO_CRS = "{} has no CRS: the mesh has none either"
+_NO_CRS = "{} has no CRS: the mesh has none either"
 
 
 def georeference(
-    name: str, dataset: rasterio.DatasetReader, given: CRS | None = None
+    name: str, dataset: rasterio.DatasetReader | ArrayRaster, given: CRS | None = None
 ) -> tuple[Grid, tuple[str, ...]]:
     """Return the grid of a dataset, and what the user should know about it.
 
@@ -27,14 +28,14 @@ def georeference(
     ----------
     name : str
         What messages call the dataset.
-    dataset : rasterio.DatasetReader
+    dataset : rasterio.DatasetReader or ArrayRaster
     given : pyproj.CRS, optional
         Takes the place of the file's own.
     """
     gcps, gcp_crs = dataset.gcps
     crs = given or _crs(name, dataset.crs)
     if dataset.transform != IDENTITY or (crs is not None and not gcps):
-        notes = () if crs else (NO_CRS.format(name),)
+        notes = () if crs else (_NO_CRS.format(name),)
         return _grid(name, dataset, dataset.transform, crs), notes
     pixels = np.array([(gcp.col, gcp.row) for gcp in gcps], np.float64).reshape(-1, 2)
     places = np.array([(gcp.x, gcp.y) for gcp in gcps], np.float64).reshape(-1, 2)
@@ -57,7 +58,9 @@ def georeference(
     return _grid(name, dataset, IDENTITY, None), notes
 
 
-def _grid(name: str, dataset: rasterio.DatasetReader, transform: Affine, crs: CRS | None) -> Grid:
+def _grid(
+    name: str, dataset: rasterio.DatasetReader | ArrayRaster, transform: Affine, crs: CRS | None
+) -> Grid:
     try:
         return Grid(dataset.width, dataset.height, transform, crs)
     except GeoreferenceError as error:

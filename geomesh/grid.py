@@ -133,6 +133,19 @@ class Grid:
         """Whether rows and columns run along the map's axes (no rotation or shear)."""
         return bool(self.transform.b == 0 and self.transform.d == 0)
 
+    @property
+    def y_runs_down(self) -> bool:
+        """Whether a page shows y running down: without a CRS, where y counts rows."""
+        return bool(self.crs is None and self.transform.e > 0)
+
+    @property
+    def aspect(self) -> float:
+        """Length on a page of a unit of y over one of x: degrees of longitude are shorter."""
+        if self.crs is None or not self.crs.is_geographic:
+            return 1.0
+        _, south, _, north = self.bounds()
+        return float(1 / max(np.cos(np.radians((south + north) / 2)), 0.1))
+
     def window(self, window: Window) -> Grid:
         """Return the grid of the pixels in `window`."""
         a, b, _, d, e, _ = self.transform[:6]

@@ -34,7 +34,7 @@ def mesh_file(
 
     Parameters
     ----------
-    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+    source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
     path : path-like
     recipe : Recipe
     crew : Crew

@@ -85,6 +85,11 @@ class Mesh:
         crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
         return f"<Mesh: {len(self.nodes)} nodes, {len(self.triangles)} triangles, {crs}>"
 
+    def _repr_html_(self) -> str:
+        from geomesh.notebook import mesh_html
+
+        return mesh_html(self)
+
     def __reduce__(self) -> tuple[Any, ...]:
         # Copies and pickles are built anew, so that their arrays are read-only too.
         values = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -292,3 +297,9 @@ class Mesh:
         from geomesh.figures import plot_mesh
 
         return plot_mesh(self, column, **options)
+
+    def explore(self, column: str = "color", **options: Any) -> Any:
+        """Show the triangles on a web map, filled by `column`; see `geomesh.notebook.explore`."""
+        from geomesh.notebook import explore
+
+        return explore(self, column, **options)

@@ -64,7 +64,7 @@ def mesh_raster(
 
     Parameters
     ----------
-    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+    source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
     preset : {"features", "paper"}
         "features": nodes at the image's own resolution over the whole valid area;
         "paper": the published system to the letter, at 256 x 256 pixels.

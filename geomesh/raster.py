@@ -32,32 +32,39 @@ Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 
 @dataclass(frozen=True, eq=False)
 class Excerpt:
-    """A part of a raster in memory.
+    """A part of a raster in memory, or of one that is computed where it is read.
 
     Parameters
     ----------
     array : (B, h, w), perhaps masked
-        All bands of `window`.
+        All bands of `window`: of numpy, or the part of it that is cut out becomes so.
     window : Window
     """
 
-    array: NDArray[Any]
+    array: Any
     window: Window
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Whoever is sent a part gets its pixels, not the way to compute them.
+        return Excerpt, (np.asanyarray(self.array), self.window)
 
     def read(self, window: Window, shape: tuple[int, int] | None, indexes: Sequence[int]) -> Pixels:
         """Return the bands at `indexes` and their validity in `window`, decimated to `shape`."""
         rows, cols = window.slices(self.window)
-        if shape is None:
-            block = self.array[indexes, rows, cols]
-        else:
-            sides = zip((rows.start, cols.start), shape, window.shape, strict=True)
-            picks = [s + ((np.arange(n) + 0.5) * size / n).astype(int) for s, n, size in sides]
-            block = self.array[np.ix_(indexes, *picks)]
+        if shape is not None:
+            rows, cols = _thin(rows, shape[0]), _thin(cols, shape[1])
+        block = np.asanyarray(self.array[indexes, rows, cols])
         return np.ma.getdata(block), ~np.any(np.ma.getmaskarray(block), axis=0)
 
     def cut(self, window: Window) -> Excerpt:
         """Return the part of it in `window`; no pixel is copied."""
         return Excerpt(self.array[:, *window.slices(self.window)], window)
+
+
+def _thin(side: slice, count: int) -> slice:
+    """Return every n-th of a side's pixels, the middle one of each n, `count` in all."""
+    step = (side.stop - side.start) // count
+    return slice(side.start + step // 2, side.start + step * count, step)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Any kind of source becomes a Scene: a path, an open dataset, or an array."""
+"""Any kind of source becomes a Scene: a path, an open dataset, an array or a DataArray."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike, fspath
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import rasterio
@@ -17,17 +17,21 @@ from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
 from rasterio.vrt import WarpedVRT
 
 from geomesh.bands import array_bands, dataset_bands
+from geomesh.dataarrays import ArrayRaster, check_shape, is_xarray, read_dataarray
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.extent import restrict
-from geomesh.georeference import NO_CRS, georeference
-from geomesh.grid import IDENTITY, Grid
+from geomesh.georeference import georeference
+from geomesh.grid import IDENTITY
 from geomesh.handles import Borrowed, open_raster
 from geomesh.raster import Excerpt, Scene
+
+if TYPE_CHECKING:
+    from xarray import DataArray
 
 _DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)
 
 ArraySource = tuple[Any, Affine, Any]
-Source: TypeAlias = "str | PathLike[str] | rasterio.DatasetReader | ArraySource"
+Source: TypeAlias = "str | PathLike[str] | rasterio.DatasetReader | DataArray | ArraySource"
 
 
 def open_scene(
@@ -44,8 +48,10 @@ def open_scene(
 
     Parameters
     ----------
-    source : str, PathLike, rasterio dataset, or (array, transform, crs)
-        An array is (H, W) or (B, H, W); masked arrays keep their mask.
+    source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
+        An array is (H, W) or (B, H, W); masked arrays keep their mask. A DataArray, whose
+        place rioxarray tells, has two spatial dimensions and perhaps one of bands; if it is
+        lazy (of Dask, or of a file), it is computed window by window and never held whole.
     bidx : sequence of int, optional
         1-based bands; all but alpha by default.
     nodata : float, optional
@@ -70,7 +76,13 @@ def open_scene(
         raise BandError(f"bidx is {bidx!r}: give a list of band numbers such as [3, 2, 1]")
     given = None if crs is None else _parse_crs("the CRS given,", crs)
     if isinstance(source, tuple) and len(source) == 3:
-        scene = _array_scene(source, bidx, given)
+        array, transform, own = source
+        if given is None and own is not None:
+            given = _parse_crs("the array's CRS", own)
+        scene = _array_scene(_held(name or "the array", array, transform), bidx, given)
+    elif is_xarray(source):
+        raster = read_dataarray(source, name, with_crs=given is None)
+        scene = _array_scene(raster, bidx, given)
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
@@ -83,10 +95,11 @@ def open_scene(
             scene = _dataset_scene(name or path, place, dataset, bidx, given)
     else:
         raise SourceError(
-            f"a {type(source).__name__} is no source: give a path, an open rasterio dataset or "
-            "(array, transform, crs)"
+            f"a {type(source).__name__} is no source: give a path, an open rasterio dataset, an "
+            "xarray.DataArray or (array, transform, crs)"
         )
-    scene = replace(scene, nodata=None if nodata is None else float(nodata))
+    if nodata is not None:
+        scene = replace(scene, nodata=float(nodata))
     if bounds is not None or mask is not None:
         scene = restrict(scene, bounds=bounds, mask=mask)
     return scene
@@ -101,30 +114,25 @@ def _parse_crs(whose: str, crs: Any) -> CRS:
         ) from error
 
 
-def _array_scene(source: ArraySource, bidx: Sequence[int] | None, given: CRS | None) -> Scene:
-    array, transform, crs = source
+def _held(name: str, array: Any, transform: Any) -> ArrayRaster:
     array = np.ma.asarray(array) if np.ma.isMaskedArray(array) else np.asarray(array)
-    array = array[None] if array.ndim == 2 else array
-    if array.ndim != 3 or 0 in array.shape:
-        raise SourceError(
-            f"an array of shape {array.shape} is no raster: expected (rows, columns) or "
-            "(bands, rows, columns), none of them 0"
-        )
-    count, height, width = array.shape
-    bands = array_bands("the array", array.dtype, count, bidx)
-    placed = given
-    if placed is None and crs is not None:
-        placed = _parse_crs("the array's CRS", crs)
+    check_shape(name, array.shape)
     if not isinstance(transform, Affine | None):
         raise GeoreferenceError(
-            f"the array's transform {transform!r} is no affine.Affine; GDAL's order of the numbers "
-            "is another one: use Affine.from_gdal"
+            f"{name} has the transform {transform!r}, which is no affine.Affine; GDAL's order of "
+            "the numbers is another one: use Affine.from_gdal"
         )
-    grid = Grid(width, height, transform or IDENTITY, placed)
-    notes = () if grid.crs else (NO_CRS.format("the array"),)
-    held = Excerpt(array, grid.extent)
-    size = (width, height)
-    return Scene("array", grid, grid.extent, bands, array.dtype, held, size, notes=notes)
+    return ArrayRaster(name, array[None] if array.ndim == 2 else array, transform or IDENTITY)
+
+
+def _array_scene(raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | None) -> Scene:
+    name, array = raster.name, raster.array
+    bands = array_bands(name, array.dtype, raster.descriptions or (None,) * len(array), bidx)
+    grid, notes = georeference(name, raster, given)
+    held, size = Excerpt(array, grid.extent), (grid.width, grid.height)
+    return Scene(
+        name, grid, grid.extent, bands, array.dtype, held, size, nodata=raster.nodata, notes=notes
+    )
 
 
 def _dataset_scene(

@@ -733,7 +733,11 @@ OBJECTS: dict[str, tuple[Open, tuple[str, ...], int | None]] = {
     "warped dataset": (warped, (), None),
     "array": (array(picture(3)), (), SIZE),
     "array of one band": (array(picture()[0]), (), SIZE),
-    "array without a place": (array(picture(), None, None), ("the array has no CRS",), SIZE),
+    "array without a place": (
+        array(picture(), None, None),
+        ("the array has no georeference",),
+        SIZE,
+    ),
     "array with an epsg number": (array(picture(), crs=32725), (), SIZE),
     "array, masked in one band": (array(np.ma.array(picture(2), mask=HIDDEN)), (), SIZE - 120),
     "array, masked nowhere": (array(np.ma.array(picture(2))), (), SIZE),

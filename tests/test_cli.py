@@ -6,8 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import geopandas as gpd
+import numpy as np
+import pyogrio
+import pyproj
 import pytest
+import rasterio
 from click.testing import CliRunner
 from conftest import SAMPLES
 
@@ -275,7 +280,29 @@ def test_python_m_geomesh_is_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "geomesh", "--version"], capture_output=True, text=True, check=True
     )
-    assert done.stdout.strip() == f"geomesh, version {geomesh.__version__}"
+    assert done.stdout.startswith(f"geomesh, version {geomesh.__version__}\n")
+
+
+def test_the_version_comes_with_those_of_the_libraries():
+    """Each wheel brings a GDAL and a PROJ of its own."""
+    stdout, _ = run("--version")
+    first, *others = stdout.splitlines()
+    assert first == f"geomesh, version {geomesh.__version__}"
+    assert (
+        f"rasterio {rasterio.__version__}, GDAL {rasterio.__gdal_version__}, "
+        f"PROJ {rasterio.__proj_version__}"
+    ) in others
+    assert f"pyogrio {pyogrio.__version__}, GDAL {pyogrio.__gdal_version_string__}" in others
+    assert f"pyproj {pyproj.__version__}, PROJ {pyproj.proj_version_str}" in others
+    assert f"OpenCV {cv2.__version__}" in others
+    assert f"numpy {np.__version__}" in others
+
+
+def test_the_version_is_told_with_a_library_that_is_broken(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyogrio", None)
+    stdout, _ = run("--version")
+    assert stdout.startswith(f"geomesh, version {geomesh.__version__}\n")
+    assert "pyogrio cannot be imported: " in stdout
 
 
 def test_until_eof_ends_with_the_program_that_started_it(tmp_path):

@@ -401,7 +401,7 @@ def test_a_mask_of_an_empty_polygon_is_an_error() -> None:
 
 
 def test_a_mask_with_crs_needs_a_raster_with_one() -> None:
-    with pytest.raises(GeoreferenceError, match="EPSG:32618 but array has no CRS"):
+    with pytest.raises(GeoreferenceError, match="EPSG:32618 but the array has no CRS"):
         open_area(NORTH_UP, crs=None, mask=frame_of(on_map(BLOB, NORTH_UP)))
 
 

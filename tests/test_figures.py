@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from affine import Affine
 from conftest import SAMPLES, mirrored
+from matplotlib import pyplot
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 import geomesh
@@ -88,3 +91,36 @@ def test_a_narrow_image_makes_a_page_of_sensible_size():
     figure = draw_stages(stages_of((image, None, None)))
     width, height = figure.get_size_inches()
     assert max(width, height) < 20
+
+
+def test_a_plot_is_drawn_where_the_caller_wants_it(olinda):
+    mesh = geomesh.mesh_raster(olinda, nodes=100)
+    ax = Figure().subplots()
+    assert mesh.plot(ax=ax) is ax
+    assert ax.get_aspect() == 1
+    assert len(ax.collections) == 1
+
+
+def test_a_plot_that_cannot_be_drawn_leaves_no_figure(olinda):
+    mesh = geomesh.mesh_raster(olinda, nodes=100)
+    before = pyplot.get_fignums()
+    with pytest.raises(ValueError, match="column is 'nope'"):
+        mesh.plot("nope")
+    assert pyplot.get_fignums() == before
+
+
+@pytest.mark.parametrize(
+    ("transform", "crs", "upwards"),
+    [
+        (Affine(30, 0, 0, 0, -30, 9000), "EPSG:31985", True),
+        (Affine(30, 0, 0, 0, 30, 0), "EPSG:31985", True),
+        (Affine(30, 0, 0, 0, -30, 9000), None, True),
+        (None, None, False),
+    ],
+    ids=["north up", "south up", "without a crs", "rows"],
+)
+@pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
+def test_y_runs_up_unless_it_counts_rows(olinda, transform, crs, upwards):
+    mesh = geomesh.mesh_raster((mirrored(olinda, 200, 150), transform, crs), nodes=100)
+    bottom, top = mesh.plot(ax=Figure().subplots()).get_ylim()
+    assert (bottom < top) == upwards

@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay
 import geomesh
 from geomesh.quality import ki
 
-pytestmark = pytest.mark.filterwarnings("ignore:the array has no CRS")
+pytestmark = pytest.mark.filterwarnings("ignore:the array has no georeference")
 
 RGB_8BIT = [
     "olinda_landsat7_rgb_uint8.tif",  # 349 x 352

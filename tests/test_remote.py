@@ -169,7 +169,7 @@ def test_only_the_part_asked_for_is_fetched(folder: Path, served: Served, prefix
 
 
 def test_far_part_of_a_scene_is_seen_through_its_overviews(folder: Path, served: Served) -> None:
-    """To look at all of it before the work begins takes a part of the bytes, less the larger it is."""
+    """To look at all of it before the work begins takes a part of the bytes, less of more."""
     path = folder / "scene.tif"
     far = {spot: where for spot, where in blocks(path).items() if spot != (0, 0)}
     seen: list[int] = []

@@ -13,7 +13,6 @@ from typing import NoReturn
 
 import click
 
-from geomesh._version import __version__
 from geomesh.cli.convert import convert
 from geomesh.cli.evaluate import evaluate
 from geomesh.cli.info import info
@@ -21,6 +20,7 @@ from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.render import render
 from geomesh.cli.stages import stages
+from geomesh.cli.versions import print_versions
 from geomesh.memory import keep_freed_memory
 
 _INTERRUPTED = 130
@@ -56,8 +56,17 @@ def _leave(code: int) -> NoReturn:
     os._exit(code)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, prog_name="geomesh")
+@click.group(
+    "geomesh", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=print_versions,
+    help="Show the versions of geomesh, GDAL, PROJ, OpenCV and others, and exit.",
+)
 @click.option("--debug", is_flag=True, help="Show a traceback when something fails.")
 @click.pass_context
 def cli(ctx: click.Context, debug: bool) -> None:
@@ -73,6 +82,8 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh evaluate scenes/ -o table1.csv
       geomesh convert mesh.gpkg -o web.geojson
     """
+    if isinstance(ctx.obj, dict) and "env" in ctx.obj:
+        ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: GDAL as rio's options want it
     ctx.obj = debug
 
 

@@ -1,0 +1,76 @@
+"""`rio geomesh ...`: the same commands among rasterio's, with its options for GDAL.
+
+That rio finds them is tested with the wheel, in test_packaging.py.
+"""
+
+from __future__ import annotations
+
+import click
+import pytest
+import rasterio.env
+from click.testing import CliRunner
+from conftest import SAMPLES
+from rasterio.rio.main import main_group
+
+import geomesh
+from geomesh.cli import cli
+
+OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
+
+
+@pytest.fixture
+def rio(monkeypatch):
+    """Run a command of rio in this process; return what it printed on stdout and stderr."""
+    monkeypatch.setitem(main_group.commands, "geomesh", cli)
+
+    def run(*arguments, code=0):
+        result = CliRunner().invoke(main_group, [str(a) for a in arguments], prog_name="rio")
+        assert result.exit_code == code, result.output
+        return result.stdout, result.stderr
+
+    return run
+
+
+def test_rio_makes_the_same_mesh(rio, tmp_path):
+    stdout, stderr = rio("geomesh", "mesh", OLINDA, "-o", tmp_path / "mesh.gpkg", "--nodes", 300)
+    assert stdout.strip().endswith("300 nodes, 495 triangles, certified")
+    assert stderr == ""
+    made = geomesh.read_mesh(tmp_path / "mesh.gpkg")
+    assert (made.triangles == geomesh.mesh_raster(OLINDA, nodes=300).triangles).all()
+
+
+def test_errors_are_one_line_and_exit_with_1(rio, tmp_path):
+    stdout, stderr = rio("geomesh", "mesh", "missing.tif", "-o", tmp_path / "m.gpkg", code=1)
+    assert stdout == ""
+    assert stderr == "Error: missing.tif: no such file; check the path\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_traceback_is_shown_on_demand(rio, tmp_path):
+    arguments = ("mesh", "missing.tif", "-o", str(tmp_path / "m.gpkg"))
+    result = CliRunner().invoke(main_group, ["geomesh", "--debug", *arguments])
+    assert isinstance(result.exception, geomesh.GeomeshError)
+
+
+def test_usage_names_rio(rio):
+    stdout, _ = rio("geomesh", "mesh", "--help")
+    assert stdout.startswith("Usage: rio geomesh mesh [OPTIONS] SRC...")
+    _, stderr = rio("geomesh", "mesh", code=2)
+    assert "Missing" in stderr
+
+
+def test_the_options_of_rio_reach_gdal_and_end_with_the_command(rio, monkeypatch):
+    seen = []
+
+    @click.command()
+    def look():
+        seen.append(rasterio.env.getenv())
+
+    monkeypatch.setitem(cli.commands, "look", look)
+    rio("--aws-no-sign-requests", "geomesh", "look")
+    assert seen[0]["AWS_NO_SIGN_REQUEST"] == "YES"
+    assert not rasterio.env.hasenv()
+    # On its own, geomesh leaves an Env to whoever opened one.
+    with rasterio.Env(GDAL_HTTP_TIMEOUT=7):
+        CliRunner().invoke(cli, ["look"], catch_exceptions=False)
+    assert seen[1]["GDAL_HTTP_TIMEOUT"] == 7
