@@ -18,7 +18,7 @@ from test_bad_input import Geomesh, command, snapshot
 from test_workers import NODATA_EDGE, contents
 
 import geomesh
-from geomesh import pipeline
+from geomesh import zonal
 from geomesh.errors import SourceError, WorkerError
 from geomesh.workers import open_crew
 
@@ -112,7 +112,7 @@ def kill_worker(_task: Any) -> None:
 def test_tile_that_kills_its_workers_is_told_of(
     scene: Path, client: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pipeline, "_measure_tile", kill_worker)
+    monkeypatch.setattr(zonal, "_read_and_measure", kill_worker)
     with pytest.raises(WorkerError, match=r"a worker was lost .* fewer workers, or .* memory") as e:
         geomesh.mesh_raster(scene, executor=client.get_executor())
     assert "\n" not in str(e.value)

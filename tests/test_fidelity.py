@@ -31,7 +31,10 @@ MODELS = ("linear", "constant")
 FITS = ("sampled", "least_squares")
 UTM = "EPSG:31985"
 NORTH_UP = Affine(28.5, 0, 288_776, 0, -28.5, 9_120_760)
-SILENT = lambda *_: None  # noqa: E731
+
+
+def silent(fraction, message):
+    pass
 
 
 @pytest.fixture(autouse=True)
@@ -151,8 +154,8 @@ def test_an_unknown_model_or_fit_is_refused(mesh, olinda):
 
 def fit_and_compare(mesh, scene, workers=1, **how):
     with open_crew(workers) as crew, scene.open():
-        made = fit_surface(mesh.nodes, mesh.triangles, scene, **how, crew=crew, progress=SILENT)
-        return made.values, compare(made, scene, crew, SILENT)
+        made = fit_surface(mesh.nodes, mesh.triangles, scene, **how, crew=crew, progress=silent)
+        return made.values, compare(made, scene, crew, silent)
 
 
 @pytest.mark.parametrize("model", MODELS)
