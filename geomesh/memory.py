@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 import ctypes
-import mmap
 import platform
 from contextlib import suppress
 
 # Parameters of mallopt, of the GNU C library.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
-
-# Advice of madvise, of Linux.
-_HUGE_PAGES = 14
-
-# The first gigabyte and a half of the heap: detection in three or four threads.
-_HEAP, _BLOCKS = 3 << 29, 3
 
 
 def keep_freed_memory() -> None:
@@ -31,7 +24,6 @@ def keep_freed_memory() -> None:
         library.mallopt(_MMAP_THRESHOLD, 1 << 30)
         library.mallopt(_TRIM_THRESHOLD, (1 << 31) - 1)
         library.mallopt(_ARENA_MAX, 1)
-        _ask_for_huge_pages(library)
 
 
 def give_back() -> None:
@@ -39,24 +31,6 @@ def give_back() -> None:
     library = _gnu_library()
     if library is not None:
         library.malloc_trim(0)
-
-
-def _ask_for_huge_pages(library: ctypes.CDLL) -> None:
-    """Let the heap to come be made of large pages: a tile takes a hundred thousand small ones.
-
-    Nothing is taken yet: the addresses are reserved, marked, and given back to the allocator,
-    which keeps them.
-    """
-    library.malloc.argtypes, library.malloc.restype = [ctypes.c_size_t], ctypes.c_void_p
-    library.free.argtypes, library.free.restype = [ctypes.c_void_p], None
-    library.madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    size = _HEAP // _BLOCKS  # of more than the threshold above nothing would come from the heap
-    blocks = [block for _ in range(_BLOCKS) if (block := library.malloc(size))]
-    for block in blocks:
-        start = -(-block // mmap.PAGESIZE) * mmap.PAGESIZE
-        library.madvise(start, block + size - start, _HUGE_PAGES)
-    for block in blocks:
-        library.free(block)
 
 
 def _gnu_library() -> ctypes.CDLL | None:
