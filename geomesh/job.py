@@ -58,7 +58,7 @@ def mesh_file(
         With one line that says what is wrong and what to do; an old file stays as it was.
     """
     with open_writer(
-        path, crew.local, layers=layers, driver=driver, overwrite=overwrite, scribes=scribes
+        path, layers=layers, driver=driver, overwrite=overwrite, scribes=scribes
     ) as writer:
         scene = open_scene(source, **reading)
 

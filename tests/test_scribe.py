@@ -17,7 +17,6 @@ from geomesh.io import scribe
 from geomesh.io.read import read_mesh
 from geomesh.io.scribe import Scribes
 from geomesh.io.vector import open_writer, write_mesh
-from geomesh.workers import open_crew
 
 
 def silent(_fraction: float, _message: str) -> None:
@@ -25,10 +24,7 @@ def silent(_fraction: float, _message: str) -> None:
 
 
 def write(mesh, path: Path, scribes: Scribes, **options) -> None:
-    with (
-        open_crew(2) as crew,
-        open_writer(path, crew.local, scribes=scribes, **options) as writer,
-    ):
+    with open_writer(path, scribes=scribes, **options) as writer:
         writer.finish(mesh, silent)
 
 

@@ -30,7 +30,7 @@ class Scribes:
     """
 
     def __init__(self, count: int) -> None:
-        self._count = count
+        self.count = count
         self._lock = threading.Lock()
         self._idle: list[_Scribe] = []
         self._busy: set[_Scribe] = set()
@@ -47,7 +47,7 @@ class Scribes:
     def warm(self) -> None:
         """Let the processes start now; they are needed soon."""
         with self._lock:
-            while len(self._idle) < self._count:
+            while len(self._idle) < self.count:
                 self._idle.append(_Scribe())
 
     def write(self, schema: Any, batches: Iterator[Any], options: Mapping[str, Any]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Executor, Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
@@ -19,7 +19,6 @@ from geomesh.io.geopackage import PENDING, can_join, join_layers
 from geomesh.io.scribe import Scribes
 from geomesh.mesh import LAYERS, LayerName, Mesh
 from geomesh.tiles import Progress
-from geomesh.workers import open_crew
 
 # Seconds between looks for Ctrl-C, and those granted to threads that were told to stop.
 _LOOK = 0.5
@@ -88,10 +87,7 @@ def write_mesh(
     GeoreferenceError
         If GeoJSON is asked for and the nodes have no longitude and latitude.
     """
-    with (
-        open_crew() as crew,
-        open_writer(path, crew.local, layers=layers, driver=driver, overwrite=overwrite) as writer,
-    ):
+    with open_writer(path, layers=layers, driver=driver, overwrite=overwrite) as writer:
         writer.finish(mesh, progress or (lambda _fraction, _message: None))
     return Path(path)
 
@@ -99,7 +95,6 @@ def write_mesh(
 @contextmanager
 def open_writer(
     path: str | PathLike[str],
-    threads: Executor,
     *,
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
@@ -112,17 +107,15 @@ def open_writer(
     ----------
     path, layers, driver, overwrite
         As in `write_mesh`, which tells the errors, too.
-    threads : Executor
-        Threads of this process, for the layers.
     scribes : Scribes, optional
-        Processes to write them; without any the threads do it, one at a time.
+        Processes to write the layers, side by side; without any this one does it.
     """
     target = Path(path)
     check_output(target, overwrite=overwrite, driver=driver)
     file_format = find_format(target, driver)
     names = _choose_layers(layers, file_format)
     with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
-        writer = MeshWriter(target, temporary, names, file_format, threads, scribes)
+        writer = MeshWriter(target, temporary, names, file_format, scribes)
         try:
             yield writer
         finally:
@@ -141,7 +134,6 @@ class MeshWriter:
         Where to write it.
     names : list of {"triangles", "edges", "nodes"}
     file_format : Format
-    threads : Executor
     scribes : Scribes, optional
     """
 
@@ -151,15 +143,17 @@ class MeshWriter:
         path: Path,
         names: list[LayerName],
         file_format: Format,
-        threads: Executor,
         scribes: Scribes | None,
     ) -> None:
         self._target = target
         self._path = path
         self._names = names
         self._format = file_format
-        self._threads = threads
         self._scribes = scribes
+        # Their own, not the crew's: they wait for scribes, and tiles should not wait for them.
+        self._threads = ThreadPoolExecutor(
+            scribes.count if scribes is not None else 1, thread_name_prefix="geomesh-layer"
+        )
         self._apart = file_format is GPKG and len(names) > 1 and can_join()
         self._feeds: dict[LayerName, Feed] = {}
         self._written: dict[LayerName, Future[None]] = {}
@@ -204,7 +198,9 @@ class MeshWriter:
             feed.stop()
         if self._scribes is not None:
             self._scribes.dismiss()
-        wait(self._written.values(), timeout=_GRACE)
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        begun = [future for future in self._written.values() if not future.cancelled()]
+        wait(begun, timeout=_GRACE)
 
     def _start(self, mesh: Mesh, name: LayerName, document: str) -> None:
         if name not in self._feeds:
