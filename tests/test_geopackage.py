@@ -17,8 +17,10 @@ from conftest import SAMPLES
 from test_workers import contents
 
 import geomesh
-from geomesh.io import vector
+from geomesh.io import geopackage, vector
 from geomesh.io.geopackage import PENDING, can_join
+from geomesh.io.scribe import Scribes
+from geomesh.io.vector import open_writer
 
 LAYERS = ("triangles", "edges", "nodes")
 
@@ -28,18 +30,24 @@ def mesh() -> geomesh.Mesh:
     return geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=900)
 
 
+def write(mesh: geomesh.Mesh, path: Path, count: int, layers: Any = LAYERS) -> Path:
+    """Write as the command does: by scribes, edges first."""
+    with Scribes(count) as scribes, open_writer(path, layers=layers, scribes=scribes) as writer:
+        writer.begin(mesh)
+        writer.finish(mesh, lambda _fraction, _message: None)
+    return path
+
+
 @pytest.fixture(scope="module")
 def joined(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert can_join()
-    return mesh.to_file(tmp_path_factory.mktemp("joined") / "mesh.gpkg")
+    return write(mesh, tmp_path_factory.mktemp("joined") / "mesh.gpkg", 3)
 
 
 @pytest.fixture(scope="module")
 def plain(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """As written where Python's own SQLite knows no R-trees."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vector, "can_join", lambda: False)
-        return mesh.to_file(tmp_path_factory.mktemp("plain") / "mesh.gpkg")
+    """As written by GDAL alone, layer after layer."""
+    return mesh.to_file(tmp_path_factory.mktemp("plain") / "mesh.gpkg")
 
 
 def rows(path: Path, query: str) -> list[Any]:
@@ -177,16 +185,31 @@ def test_gdal_adds_rows(joined: Path, tmp_path: Path, layer: str) -> None:
     assert rows(path, f"SELECT count(*) FROM rtree_{layer}_geom") == [(count + 2,)]
 
 
-@pytest.mark.parametrize("layers", [("edges",), ("nodes", "triangles"), ("edges", "nodes")])
-def test_choice_of_layers_is_joined_alike(
-    mesh: geomesh.Mesh, tmp_path: Path, layers: Any, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("layers", [LAYERS, ("edges",), ("triangles", "nodes"), ("edges", "nodes")])
+def test_any_layers_by_any_number_of_writers_are_the_same(
+    mesh: geomesh.Mesh, tmp_path: Path, layers: Any, count: int
 ) -> None:
     one = mesh.to_file(tmp_path / "one.gpkg", layers=layers)
-    monkeypatch.setattr(vector, "can_join", lambda: False)
-    other = mesh.to_file(tmp_path / "other.gpkg", layers=layers)
+    other = write(mesh, tmp_path / "other.gpkg", count, layers)
     query = "SELECT type, name, tbl_name, sql FROM sqlite_master ORDER BY type, name"
     assert rows(one, query) == rows(other, query)
     for layer in layers:
         query = f"SELECT * FROM {layer}"
         assert rows(one, query) == rows(other, query)
-    assert sorted(name for name, _ in pyogrio.list_layers(one)) == sorted(layers)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_layers_are_listed_in_their_order(mesh: geomesh.Mesh, tmp_path: Path, count: int) -> None:
+    """What opens the first of them opens the triangles, though the edges were written first."""
+    path = write(mesh, tmp_path / "mesh.gpkg", count)
+    assert [name for name, _ in pyogrio.list_layers(path)] == list(LAYERS)
+    assert pyogrio.read_info(path)["geometry_type"] == "Polygon"
+
+
+def test_without_r_trees_in_pythons_sqlite_one_file_is_written(
+    mesh: geomesh.Mesh, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vector, "can_join", lambda: False)
+    monkeypatch.setattr(geopackage, "_copy_layer", None)
+    assert contents(write(mesh, tmp_path / "mesh.gpkg", 2)) == contents(plain)

@@ -1,16 +1,19 @@
-"""One GeoPackage of several layers that were written to a file each, at the same time.
+"""The last hand at a GeoPackage: layers joined that were written apart, their order, the document.
 
-SQLite has one writer a file. GDAL fills a layer of its own file fastest, and SQLite copies
+SQLite has one writer a file. So layers that are written at the same time get a file each, and
+are copied into one at the end: GDAL fills a layer of its own file fastest, and SQLite copies
 finished tables page by page in a tenth of that time.
 """
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from xml.sax.saxutils import escape
+
+from geomesh.mesh import LayerName
 
 # Stands in a layer's metadata until the document is known.
 PENDING = "@document of the mesh@"
@@ -26,6 +29,9 @@ _REGISTERS = {
     "gpkg_ogr_contents": "table_name",
 }
 
+# By which of these programs list the layers.
+_ORDER = ("gpkg_contents", "gpkg_geometry_columns")
+
 
 def can_join() -> bool:
     """Tell whether Python's own SQLite knows R-trees, without which files cannot be joined."""
@@ -37,15 +43,19 @@ def can_join() -> bool:
     return True
 
 
-def join_layers(path: Path, others: Sequence[tuple[str, Path]], document: str) -> None:
-    """Copy a layer of each of the other files into the GeoPackage at `path`, with its index.
+def complete(
+    path: Path, layers: Sequence[LayerName], others: Mapping[LayerName, Path], document: str
+) -> None:
+    """Copy a layer of each of the other files into the GeoPackage at `path`, and finish that.
 
     Parameters
     ----------
     path : Path
         A GeoPackage written by GDAL, with layers in the same CRS.
-    others : sequence of (str, Path)
-        Layers and the files that hold just them.
+    layers : sequence of str
+        All of them, in the order in which programs are to list them.
+    others : mapping of str to Path
+        Those that are in a file of their own.
     document : str
         What is to stand in the metadata of the layers in place of `PENDING`.
 
@@ -58,13 +68,19 @@ def join_layers(path: Path, others: Sequence[tuple[str, Path]], document: str) -
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("PRAGMA journal_mode = OFF")
         database.execute("PRAGMA synchronous = OFF")
-        for layer, file in others:
+        for layer, file in others.items():
             database.execute("ATTACH ? AS other", (str(file),))
             database.execute("BEGIN")
             _copy_layer(database, layer)
             database.execute("COMMIT")
             database.execute("DETACH other")
             file.unlink()
+        for register in _ORDER:
+            for layer in layers:
+                last = f"(SELECT max(rowid) FROM {register})"
+                database.execute(
+                    f"UPDATE {register} SET rowid = {last} + 1 WHERE table_name = ?", (layer,)
+                )
         database.execute(
             "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)",
             (PENDING, escape(document)),  # it lies in an XML element

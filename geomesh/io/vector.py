@@ -15,7 +15,7 @@ from geomesh.io.atomic import check_place, staged, undisturbed
 from geomesh.io.document import describe
 from geomesh.io.feed import Feed
 from geomesh.io.formats import GPKG, Format, LayerFile, find_format
-from geomesh.io.geopackage import PENDING, can_join, join_layers
+from geomesh.io.geopackage import PENDING, can_join, complete
 from geomesh.io.scribe import Scribes
 from geomesh.mesh import LAYERS, LayerName, Mesh
 from geomesh.tiles import Progress
@@ -150,11 +150,11 @@ class MeshWriter:
         self._names = names
         self._format = file_format
         self._scribes = scribes
+        writers = scribes.count if scribes is not None else 1
+        self._apart = file_format is GPKG and min(writers, len(names)) > 1 and can_join()
         # Their own, not the crew's: they wait for scribes, and tiles should not wait for them.
-        self._threads = ThreadPoolExecutor(
-            scribes.count if scribes is not None else 1, thread_name_prefix="geomesh-layer"
-        )
-        self._apart = file_format is GPKG and len(names) > 1 and can_join()
+        # A file has one writer.
+        self._threads = ThreadPoolExecutor(writers if self._apart else 1, "geomesh-layer")
         self._feeds: dict[LayerName, Feed] = {}
         self._written: dict[LayerName, Future[None]] = {}
         self._news: SimpleQueue[None] = SimpleQueue()
@@ -162,34 +162,31 @@ class MeshWriter:
             scribes.warm()
 
     def begin(self, mesh: Mesh) -> None:
-        """Start on the edges, which need no statistics, where they get a file of their own.
+        """Start on the edges, which need no statistics, where the format holds several layers.
 
         Parameters
         ----------
         mesh : Mesh
             Final but for its tables and metadata.
         """
-        if self._apart and "edges" in self._names:
+        if self._format is GPKG and "edges" in self._names:
             self._start(mesh, "edges", PENDING)
 
     def finish(self, mesh: Mesh, progress: Progress) -> None:
         """Write the mesh if it passes its certificate; raise as `write_mesh` does."""
         progress(0.0, "Writing")
-        if self._apart:
+        if self._format is GPKG:
             for name in self._names:
                 self._start(mesh, name, PENDING)
         certificate = mesh.certify()
         certificate.require()
         document = describe(mesh, certificate)
-        if not self._apart:
-            for name in self._names:
-                wait(self._written.values())  # a file has one writer
-                self._start(mesh, name, document)
+        for name in self._names:
+            self._start(mesh, name, document)
         self._await(len(mesh.nodes), len(mesh.triangles), progress)
-        if self._apart:
+        if self._format is GPKG:
             with self._failures_told():
-                others = [(name, self._file(name)) for name in self._names[1:]]
-                join_layers(self._path, others, document)
+                complete(self._path, self._names, self._others(), document)
         progress(1.0, "Written")
 
     def stop(self) -> None:
@@ -205,14 +202,15 @@ class MeshWriter:
     def _start(self, mesh: Mesh, name: LayerName, document: str) -> None:
         if name not in self._feeds:
             feed = self._feeds[name] = Feed(self._news)
-            file = LayerFile(mesh, name, self._file(name), self._format, document)
+            path = self._others().get(name, self._path)
+            file = LayerFile(mesh, name, path, self._format, document)
             self._written[name] = self._threads.submit(_write_layer, file, feed, self._scribes)
             self._written[name].add_done_callback(lambda _: self._news.put(None))
 
-    def _file(self, name: LayerName) -> Path:
-        if not self._apart or name == self._names[0]:
-            return self._path
-        return self._path.with_name(f"{name}{self._path.suffix}")
+    def _others(self) -> dict[LayerName, Path]:
+        """Return the layers that get a file of their own first, and these files."""
+        apart = self._names[1:] if self._apart else []
+        return {name: self._path.with_name(f"{name}{self._path.suffix}") for name in apart}
 
     def _await(self, nodes: int, triangles: int, progress: Progress) -> None:
         """Wait for all layers, and report each batch."""

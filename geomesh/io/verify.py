@@ -18,7 +18,7 @@ def count_rows(path: Path, layer: str, driver: str) -> int:
     """Return the number of rows that can be read from a layer.
 
     The rows are counted themselves, for the number in a header was written before
-    them; that is also a look at every page of the file.
+    them; that is also a look at every page of the layer.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def count_rows(path: Path, layer: str, driver: str) -> int:
 def _count_gpkg(path: Path, layer: str) -> int:
     # Not as a URI: those know no network shares.
     with closing(sqlite3.connect(path)) as database:
-        (state,) = database.execute("PRAGMA quick_check(1)").fetchone()
+        (state,) = database.execute(f'PRAGMA quick_check("{layer}")').fetchone()
         if state != "ok":
             raise OSError(f"the database is damaged: {state}")
         (rows,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
