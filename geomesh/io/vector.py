@@ -178,7 +178,9 @@ class MeshWriter:
         if self._format is GPKG:
             for name in self._names:
                 self._start(mesh, name, PENDING)
-        certificate = mesh.certify()
+        # Not in this thread: a Ctrl-C while compiled code is loaded comes out as another error.
+        with ThreadPoolExecutor(1, "geomesh-certificate") as thread:
+            certificate = thread.submit(mesh.certify).result()
         certificate.require()
         document = describe(mesh, certificate)
         for name in self._names:
