@@ -105,7 +105,7 @@ def test_the_metadata_are_complete(metadata):
     assert metadata["Keywords"]
     assert metadata["Description-Content-Type"] == "text/markdown"
     extras = set(metadata.get_all("Provides-Extra"))
-    assert extras == {"dask", "exact", "figures", "graph", "notebook", "xarray"}
+    assert extras == {"dask", "evaluate", "exact", "figures", "graph", "notebook", "xarray"}
     # There is no public address yet; one that leads nowhere is worse than none.
     assert metadata.get_all("Project-URL") is None
 
@@ -115,7 +115,7 @@ def test_the_description_has_no_dead_links(metadata):
     assert text.startswith("# geomesh\n")
     assert len(text) > 0.8 * len((ROOT / "README.md").read_text(encoding="utf-8"))
     assert re.findall(r"!?\[[^\]]*\]\((?!https?:)[^)]*\)", text) == []
-    assert "docs/formats.md lists every attribute" in text
+    assert "Getting started and a tutorial from image to map" in text
 
 
 def test_every_message_about_a_missing_extra_names_one_that_exists(metadata):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from conftest import SAMPLES
+from conftest import SAMPLES, write_mirrored
 from geomesh_qgis.engine.child import clean_environment
 from geomesh_qgis.engine.runner import Cancelled, Outcome, RunError, run
 
@@ -282,12 +282,14 @@ def test_cancelling_a_real_mesh_leaves_nothing(tmp_path, listener):
 
 
 def test_cancelling_while_writing_keeps_the_old_file(tmp_path, listener):
+    # Of so many triangles that writing them takes longer than to stop.
+    large = write_mirrored(tmp_path / "large.tif", LARGE.name, 1500, 1500)
     out = tmp_path / "mesh.gpkg"
     out.write_text("old")
-    listener.stop_at = 0.9
+    listener.stop_at = 0.8
     with pytest.raises(Cancelled):
-        listener.run(*mesh(LARGE, out, "--overwrite"), places=[tmp_path])
-    assert left(tmp_path) == ["mesh.gpkg"]
+        listener.run(*mesh(large, out, "--overwrite"), places=[tmp_path])
+    assert left(tmp_path) == ["large.tif", "mesh.gpkg"]
     assert out.read_text() == "old"
 
 
