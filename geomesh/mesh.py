@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     import geopandas as gpd
 
     from geomesh.fidelity import Fidelity
-    from geomesh.render import Fit, Model
     from geomesh.sources import Source
 
 LayerName = Literal["triangles", "edges", "nodes"]
@@ -273,18 +272,11 @@ class Mesh:
             self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
         )
 
-    def psnr(
-        self,
-        source: Source,
-        *,
-        model: Model = "linear",
-        fit: Fit = "least_squares",
-        **options: Any,
-    ) -> Fidelity:
+    def psnr(self, source: Source, **options: Any) -> Fidelity:
         """Return how faithfully the mesh shows a raster; see `geomesh.fidelity.judge`."""
         from geomesh.fidelity import judge
 
-        return judge(self, source, model=model, fit=fit, **options)
+        return judge(self, source, **options)
 
     def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
         """Paint the mesh on a raster's pixels; see `geomesh.io.painting.render_file`."""

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from geomesh.grid import Points, Window
 from geomesh.jit import plain_bands
-from geomesh.render_kernels import paint_constant, paint_linear, project
+from geomesh.render_kernels import paint_linear, project
+from geomesh.scan import owner
 from geomesh.topology import Triangles
 
 Floats = NDArray[np.float64]
@@ -70,9 +71,12 @@ def reconstruct(
     rows = len(nodes) if model == "linear" else len(triangles)
     if values.ndim != 2 or len(values) != rows:
         raise ValueError(f"values {values.shape} of a {model} model: expected ({rows}, bands)")
+    if model == "constant":
+        # A pixel without owner has the number FILL, which is -1: it takes the last row.
+        padded = np.vstack([values, np.full(values.shape[1], np.nan)])
+        return np.ascontiguousarray(np.moveaxis(padded[owner(nodes, triangles, window)], -1, 0))
     image = np.full((values.shape[1], *window.shape), np.nan)
-    paint = paint_linear if model == "linear" else paint_constant
-    paint(nodes, triangles, np.ascontiguousarray(values), window.row, window.col, image)
+    paint_linear(nodes, triangles, np.ascontiguousarray(values), window.row, window.col, image)
     return image
 
 

@@ -54,25 +54,6 @@ def paint_linear(
 
 
 @kernel
-def paint_constant(
-    nodes: Points, triangles: Triangles, values: Floats, row: int, col: int, image: Floats
-) -> None:
-    """Fill `image` (B, h, w), which begins at pixel (row, col), from `values` (T, B)."""
-    count, height, width = image.shape
-    for t in range(len(triangles)):
-        a, b, c = triangles[t]
-        corners = sort_corners(
-            nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
-        )
-        top, bottom = row_range(corners, row, row + height)
-        for r in range(top, bottom):
-            first, last = column_range(corners, r, col, col + width)
-            for band in range(count):
-                for k in range(first, last):
-                    image[band, r - row, k - col] = values[t, band]
-
-
-@kernel
 def project(
     nodes: Points,
     triangles: Triangles,

@@ -12,7 +12,6 @@ from hypothesis.extra.numpy import arrays
 from scipy.interpolate import LinearNDInterpolator
 
 from geomesh.baselines import (
-    GREEDY,
     baselines,
     canny_pixels,
     greedy_insertion,
@@ -159,7 +158,6 @@ def nearest(points):
     return gaps.min(axis=1)
 
 
-@pytest.mark.skipif(GREEDY not in NAMES, reason="pydelatin is not installed")
 def test_greedy_insertion_puts_the_next_node_where_the_mesh_errs_most():
     """In an image without ties, so that it is certain which place that is."""
     x, y = np.meshgrid(np.arange(40), np.arange(30))
@@ -175,7 +173,6 @@ def test_greedy_insertion_puts_the_next_node_where_the_mesh_errs_most():
     assert tuple(points[4]) == (col + 0.5, row + 0.5) == (7.5, 4.5)
 
 
-@pytest.mark.skipif(GREEDY not in NAMES, reason="pydelatin is not installed")
 def test_more_nodes_of_greedy_insertion_begin_with_the_same_ones(image):
     gray, valid = image
     few, more = (greedy_insertion(gray, valid, n) for n in (100, 300))
