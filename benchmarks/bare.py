@@ -18,7 +18,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from geomesh.memory import keep_freed_memory
+from geomesh.parallel.memory import keep_freed_memory
 
 # (seconds, what was done)
 Timed = tuple[float, str]
@@ -55,13 +55,13 @@ def prepare(scene_path: Path, kept: Kept) -> None:
     import numpy as np
 
     import geomesh
-    from geomesh.grayimage import SceneGray
-    from geomesh.pipeline import scene_tone
+    from geomesh.features.gray_image import SceneGray
+    from geomesh.features.thresholds import canny_thresholds
+    from geomesh.parallel.tiles import plan_tiles
+    from geomesh.parallel.workers import open_crew
+    from geomesh.pipeline.mesh_scene import scene_tone
+    from geomesh.raster.open import open_scene
     from geomesh.recipe import Recipe
-    from geomesh.sources import open_scene
-    from geomesh.thresholds import canny_thresholds
-    from geomesh.tiles import plan_tiles
-    from geomesh.workers import open_crew
 
     recipe, scene = Recipe(), open_scene(scene_path)
     with open_crew(1) as crew, scene.open():
@@ -80,9 +80,9 @@ def reading(scene_path: Path, _kept: Kept) -> Timed:
     from rasterio.env import setenv
     from rasterio.windows import Window
 
-    from geomesh.grid import Grid
-    from geomesh.handles import settings
-    from geomesh.tiles import plan_tiles
+    from geomesh.parallel.tiles import plan_tiles
+    from geomesh.raster.gdal import settings
+    from geomesh.raster.grid import Grid
 
     with rasterio.Env():
         setenv(**settings())
@@ -132,10 +132,10 @@ def statistics(scene_path: Path, kept: Kept) -> Timed:
     """Run the kernels of the statistics over every tile, on pixels already read."""
     import numpy as np
 
-    from geomesh.sources import open_scene
-    from geomesh.tiles import plan_tiles
-    from geomesh.zonal import share_out
-    from geomesh.zonal_kernels import blend, scan_triangles
+    from geomesh.parallel.tiles import plan_tiles
+    from geomesh.raster.open import open_scene
+    from geomesh.zonal.kernels import blend, scan_triangles
+    from geomesh.zonal.statistics import share_out
 
     mesh, scene, tasks = kept.load(kept.mesh), open_scene(scene_path), []
     tiles = plan_tiles(scene.grid.extent, halo=1)
@@ -163,10 +163,10 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
     import pyarrow as pa
     import pyogrio
 
-    from geomesh.io.batches import Layer
-    from geomesh.io.feed import BATCH_ROWS
-    from geomesh.io.formats import GPKG
-    from geomesh.mesh import LAYERS
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.feed import BATCH_ROWS
+    from geomesh.formats.format import GPKG
+    from geomesh.mesh.triangle_mesh import LAYERS
 
     mesh, path = kept.load(kept.mesh), kept.folder / "bare.gpkg"
     path.unlink(missing_ok=True)
@@ -249,8 +249,8 @@ def _sift() -> Any:
 def _gray_tiles(path: Path) -> Iterator[Any]:
     import numpy as np
 
-    from geomesh.grid import Grid
-    from geomesh.tiles import plan_tiles
+    from geomesh.parallel.tiles import plan_tiles
+    from geomesh.raster.grid import Grid
 
     gray = np.load(path)
     for tile in plan_tiles(Grid(gray.shape[1], gray.shape[0]).extent):

@@ -9,14 +9,14 @@ from affine import Affine
 from numpy.typing import NDArray
 from pyproj import CRS
 
-from geomesh.certificate import DomainFacts
-from geomesh.columns import triangle_columns
-from geomesh.grid import Grid
-from geomesh.mesh import Mesh
-from geomesh.table import Table
-from geomesh.tiles import plan_tiles
-from geomesh.triangulate import constrained_delaunay
-from geomesh.zonal import Statistics, measure_tile, merge
+from geomesh.arrays.table import Table
+from geomesh.delaunay.triangulate import constrained_delaunay
+from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.parallel.tiles import plan_tiles
+from geomesh.raster.grid import Grid
+from geomesh.zonal.columns import triangle_columns
+from geomesh.zonal.statistics import Statistics, measure_tile, merge
 
 Floats = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ def _measure(contender: str, count: int) -> float:
     # Both are loaded, so that both start from the same mark.
     from scipy.spatial import Delaunay
 
-    from geomesh.triangulate import delaunay
+    from geomesh.delaunay.triangulate import delaunay
 
     triangulate = {"geomesh": delaunay, "scipy": Delaunay}[contender]
     triangulate(points[:100])

@@ -68,7 +68,7 @@ def main(*, sizes: list[int] | None, rounds: int | None, quick: bool, check: boo
     console.print(f"Python {platform.python_version()}, {os.cpu_count()} CPUs; {versions}")
     console.print(
         "Every step and every run in a fresh process, all of them with the command's policy of "
-        "keeping freed memory (geomesh.memory); OpenCV on one thread."
+        "keeping freed memory (geomesh.parallel.memory); OpenCV on one thread."
     )
     console.print(f"The first run of all, which compiles: {found.compiling:.3g} s")
     console.print(bare_table(found))

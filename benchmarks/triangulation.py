@@ -1,4 +1,4 @@
-"""Triangulation: geomesh.triangulate against Qhull through scipy.spatial."""
+"""Triangulation: geomesh.delaunay.triangulate against Qhull through scipy.spatial."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull, Delaunay
 from benchmarks import inputs
 from benchmarks.memory import peak_megabytes
 from benchmarks.timing import Row, alternate
-from geomesh.topology import boundary_edges
-from geomesh.triangulate import constrained_delaunay, delaunay
+from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
+from geomesh.mesh.topology import boundary_edges
 
 EXPECTED = 8.0
 PEER = "scipy.spatial.Delaunay"

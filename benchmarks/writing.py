@@ -15,12 +15,12 @@ import pyogrio
 
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
-from geomesh.io.batches import Layer
-from geomesh.io.feed import Feed
-from geomesh.io.formats import GPKG, LayerFile
-from geomesh.io.layers import _write_gdal
-from geomesh.io.vector import write_mesh
-from geomesh.mesh import LayerName
+from geomesh.formats.arrow import Layer
+from geomesh.formats.feed import Feed
+from geomesh.formats.format import GPKG, LayerFile
+from geomesh.io.layer import _write_gdal
+from geomesh.io.write import write_mesh
+from geomesh.mesh.triangle_mesh import LayerName
 
 EXPECTED = 1.5
 LAYER: LayerName = "triangles"

@@ -15,9 +15,9 @@ from rasterio.features import rasterize
 
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
-from geomesh.grid import Grid
-from geomesh.scan import owner
-from geomesh.zonal import Statistics
+from geomesh.raster.grid import Grid
+from geomesh.zonal.rasterize import owner
+from geomesh.zonal.statistics import Statistics
 
 EXPECTED = 20.0
 OPERATIONS = ["count", "mean", "stdev", "min", "max"]

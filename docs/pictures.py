@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import geomesh
-from geomesh.figures import draw_stages, run_stages
-from geomesh.sources import open_scene
+from geomesh.raster.open import open_scene
+from geomesh.view.plot import draw_stages, run_stages
 
 SAMPLES = Path("data_samples")
 IMAGES = Path("docs/images")

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 from geomesh._version import __version__
 
 if TYPE_CHECKING:
-    from geomesh.certificate import Certificate
     from geomesh.errors import GeomeshError, GeomeshWarning
-    from geomesh.fidelity import Fidelity
-    from geomesh.grid import Grid
     from geomesh.io.read import read_mesh
-    from geomesh.mesh import Mesh
-    from geomesh.pipeline import mesh_raster
-    from geomesh.quality import Quality
+    from geomesh.mesh.certificate import Certificate
+    from geomesh.mesh.quality import Quality
+    from geomesh.mesh.triangle_mesh import Mesh
+    from geomesh.pipeline.mesh_scene import mesh_raster
+    from geomesh.raster.grid import Grid
     from geomesh.recipe import Recipe
+    from geomesh.surface.fidelity import Fidelity
 
 __all__ = [
     "Certificate",
@@ -40,15 +40,15 @@ __all__ = [
 # OpenCV, GDAL and numba take a second to import: each name loads its module when
 # it is first used, so that `geomesh --help` and `import geomesh` answer at once.
 _HOMES = {
-    "Certificate": "certificate",
-    "Fidelity": "fidelity",
+    "Certificate": "mesh.certificate",
+    "Fidelity": "surface.fidelity",
     "GeomeshError": "errors",
     "GeomeshWarning": "errors",
-    "Grid": "grid",
-    "Mesh": "mesh",
-    "Quality": "quality",
+    "Grid": "raster.grid",
+    "Mesh": "mesh.triangle_mesh",
+    "Quality": "mesh.quality",
     "Recipe": "recipe",
-    "mesh_raster": "pipeline",
+    "mesh_raster": "pipeline.mesh_scene",
     "read_mesh": "io.read",
 }
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from geomesh.errors import RecipeError
-from geomesh.rules import RULES, STATISTICS
+from geomesh.parameters import RULES, STATISTICS
 
 # Up to this octave a halo of 64 pixels reproduces what the whole image gives.
 LOCAL_OCTAVE = 2

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.interpolate import LinearNDInterpolator
 
-from geomesh.baselines import (
+from geomesh.evaluate.baselines import (
     baselines,
     canny_pixels,
     greedy_insertion,
@@ -20,8 +20,8 @@ from geomesh.baselines import (
     shi_tomasi,
     yang_error_diffusion,
 )
-from geomesh.edges import automatic_thresholds
-from geomesh.sources import open_scene
+from geomesh.features.canny import automatic_thresholds
+from geomesh.raster.open import open_scene
 
 NAMES = list(baselines())
 ONES = np.ones((64, 64), np.bool_)

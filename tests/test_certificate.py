@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from geomesh.certificate import Certificate, DomainFacts
-from geomesh.checks import certify
 from geomesh.errors import CertificateError
-from geomesh.topology import build_edges, neighbours
+from geomesh.mesh.certificate import Certificate, DomainFacts
+from geomesh.mesh.certify import certify
+from geomesh.mesh.topology import build_edges, neighbours
 
 # What tells the checks apart in their names.
 NODES = "nodes are finite"
@@ -577,7 +577,7 @@ def test_a_certificate_does_not_depend_on_how_many_triangles_are_seen_at_once(
     good: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = good.certify()
-    monkeypatch.setattr("geomesh.table._BLOCK", 7)
+    monkeypatch.setattr("geomesh.arrays.table._BLOCK", 7)
     assert good.certify() == whole
 
 

@@ -18,9 +18,9 @@ from test_bad_input import Geomesh, command, snapshot
 from test_workers import NODATA_EDGE, contents
 
 import geomesh
-from geomesh import zonal
 from geomesh.errors import SourceError, WorkerError
-from geomesh.workers import open_crew
+from geomesh.parallel.workers import open_crew
+from geomesh.zonal import statistics as zonal
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -202,7 +202,7 @@ def test_scheduler_without_workers_is_told_of(
 def test_workers_of_another_version_are_refused(
     tmp_path: Path, scene: Path, client: Any, command: Geomesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("geomesh.cluster.__version__", "9.9")
+    monkeypatch.setattr("geomesh.parallel.dask.__version__", "9.9")
     error = refused(command, scene, tmp_path, client.scheduler.address)
     assert f"run geomesh {geomesh.__version__}, but here it is 9.9; install the same" in error
 
@@ -210,7 +210,7 @@ def test_workers_of_another_version_are_refused(
 def test_workers_that_cannot_run_geomesh_are_refused(
     tmp_path: Path, scene: Path, client: Any, command: Geomesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("geomesh.cluster._version", no_geomesh)
+    monkeypatch.setattr("geomesh.parallel.dask._version", no_geomesh)
     error = refused(command, scene, tmp_path, client.scheduler.address)
     assert "cannot run geomesh (No module named 'geomesh')" in error
     assert f"install geomesh {geomesh.__version__} where they run" in error

@@ -26,7 +26,7 @@ from geomesh.errors import (
     MissingExtraError,
     SourceError,
 )
-from geomesh.sources import open_scene
+from geomesh.raster.open import open_scene
 
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 ROTATED = SAMPLES / "olinda_landsat7_rgb_rotated_gt.tif"
@@ -252,7 +252,7 @@ def test_dask_computes_no_more_than_a_window_at_a_time():
         xr.DataArray(lazy, dims=("y", "x")).rio.write_crs(31985).rio.write_transform(transform)
     )
     largest.clear()
-    from geomesh.grid import Window
+    from geomesh.raster.grid import Window
 
     bands, _ = scene.read(Window(900, 700, 1152, 1152))
     assert (bands[0] == whole[700:1852, 900:2052]).all()

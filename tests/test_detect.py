@@ -9,16 +9,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
-from geomesh import detect as stage
-from geomesh.edges import Thresholds, canny, tile_edges, unite
-from geomesh.grayimage import ArrayGray
-from geomesh.grid import Window
-from geomesh.keypoints import Keypoints, detect_sift, labels_around, spread_evenly, thin
-from geomesh.preprocess import fill_invalid
+from geomesh.features import detect as stage
+from geomesh.features.canny import Thresholds, canny, tile_edges, unite
+from geomesh.features.gray import fill_invalid
+from geomesh.features.gray_image import ArrayGray
+from geomesh.features.sift import Keypoints, detect_sift, labels_around, spread_evenly, thin
+from geomesh.features.thresholds import canny_thresholds
+from geomesh.parallel.tiles import plan_tiles
+from geomesh.parallel.workers import open_crew
+from geomesh.raster.grid import Window
 from geomesh.recipe import Recipe
-from geomesh.thresholds import canny_thresholds
-from geomesh.tiles import plan_tiles
-from geomesh.workers import open_crew
 
 
 def detect(image, recipe):

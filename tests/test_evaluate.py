@@ -24,13 +24,13 @@ from scipy.sparse.linalg import lsqr
 from scipy.spatial import Delaunay
 
 import geomesh
-from geomesh.baselines import baselines
 from geomesh.cli import cli
-from geomesh.comparison import COLUMNS, MEASURES
-from geomesh.comparison_figure import draw_comparison
 from geomesh.errors import GeomeshWarning, OutputError, SourceError
-from geomesh.evaluate import evaluate
-from geomesh.imagefiles import find_images
+from geomesh.evaluate.baselines import baselines
+from geomesh.evaluate.comparison import COLUMNS, MEASURES
+from geomesh.evaluate.figure import draw_comparison
+from geomesh.evaluate.images import find_images
+from geomesh.evaluate.run import evaluate
 
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 DEM = SAMPLES / "colorado_dem_float32_epsg4269.tif"  # no Canny edges at the paper's thresholds
@@ -431,7 +431,7 @@ def test_what_nobody_thought_of_is_told_of_the_image_it_befell(monkeypatch):
     def fail(*_):
         raise ZeroDivisionError("a\nb")
 
-    monkeypatch.setattr("geomesh.evaluate.measure_figures", fail)
+    monkeypatch.setattr("geomesh.evaluate.run.measure_figures", fail)
     (failure,) = evaluate(OLINDA).failures
     assert failure.code == "internal"
     assert failure.error == f"{OLINDA}: ZeroDivisionError: a b (a defect of geomesh)"
@@ -492,7 +492,7 @@ def test_what_lies_under_nodata_does_not_matter(tmp_path):
 def test_outputs_that_cannot_be_written_are_refused_before_the_work(
     tmp_path, comparison, monkeypatch
 ):
-    monkeypatch.setattr("geomesh.evaluate.evaluate", None)  # not even called
+    monkeypatch.setattr("geomesh.evaluate.run.evaluate", None)  # not even called
     kept = tmp_path / "kept.csv"
     kept.write_text("mine")
     image = tmp_path / "scene.png"
@@ -519,7 +519,7 @@ def test_a_disk_that_is_full_in_the_end_does_not_cost_the_tables(tmp_path, monke
     def fail(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("geomesh.comparison.staged", fail)
+    monkeypatch.setattr("geomesh.evaluate.comparison.staged", fail)
     stdout, stderr = run(OLINDA, "-o", tmp_path / "t.csv", code=1)
     assert stderr.count("\n") == 1
     assert "t.csv could not be written: No space left on device" in stderr
@@ -538,9 +538,9 @@ def test_without_pydelatin_the_other_methods_are_compared(monkeypatch):
 
 
 def test_without_matplotlib_a_figure_is_refused_before_the_work(monkeypatch, tmp_path):
-    monkeypatch.delitem(sys.modules, "geomesh.comparison_figure", raising=False)
+    monkeypatch.delitem(sys.modules, "geomesh.evaluate.figure", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.setattr("geomesh.evaluate.evaluate", None)
+    monkeypatch.setattr("geomesh.evaluate.run.evaluate", None)
     _, stderr = run(OLINDA, "--figure", tmp_path / "t.png", code=1)
     assert stderr == (
         "Error: matplotlib is not installed: pip install 'geomesh-toolkit[evaluate]'\n"

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from shapely import affinity
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
-from geomesh.grid import Window
-from geomesh.overview import read_overview
-from geomesh.raster import Scene
-from geomesh.sources import open_scene
-from geomesh.workers import open_crew
+from geomesh.features.overview import read_overview
+from geomesh.parallel.workers import open_crew
+from geomesh.raster.grid import Window
+from geomesh.raster.open import open_scene
+from geomesh.raster.scene import Scene
 
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 UTM = "EPSG:32618"

@@ -16,16 +16,17 @@ from rasterio.io import MemoryFile
 from shapely import box
 
 import geomesh
-from geomesh import surface, zonal
 from geomesh.errors import BandError, EmptyError, GeomeshWarning, GeoreferenceError
-from geomesh.fidelity import Fidelity, compare
 from geomesh.io.read import read_mesh
-from geomesh.original import open_original
-from geomesh.scan import owner
-from geomesh.sources import open_scene
-from geomesh.surface import fit_surface
-from geomesh.topology import FILL
-from geomesh.workers import open_crew
+from geomesh.mesh.provenance import open_original
+from geomesh.mesh.topology import FILL
+from geomesh.parallel.workers import open_crew
+from geomesh.raster.open import open_scene
+from geomesh.surface import fit as surface
+from geomesh.surface.fidelity import Fidelity, compare
+from geomesh.surface.fit import fit_surface
+from geomesh.zonal import statistics as zonal
+from geomesh.zonal.rasterize import owner
 
 MODELS = ("linear", "constant")
 FITS = ("sampled", "least_squares")

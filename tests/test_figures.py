@@ -10,9 +10,9 @@ from matplotlib.image import imread
 
 import geomesh
 from geomesh.errors import OutputError
-from geomesh.figures import draw_stages, middle, plot_mesh, run_stages, save_picture
+from geomesh.raster.open import open_scene
 from geomesh.recipe import Recipe
-from geomesh.sources import open_scene
+from geomesh.view.plot import draw_stages, middle, plot_mesh, run_stages, save_picture
 
 
 def stages_of(source, **values):

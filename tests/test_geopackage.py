@@ -17,10 +17,11 @@ from conftest import SAMPLES
 from test_workers import contents
 
 import geomesh
-from geomesh.io import geopackage, vector
-from geomesh.io.geopackage import PENDING, can_join
-from geomesh.io.scribe import Scribes
-from geomesh.io.vector import open_writer
+from geomesh.formats import geopackage
+from geomesh.formats.geopackage import PENDING, can_join
+from geomesh.io import write as vector
+from geomesh.io.gdal_process import Scribes
+from geomesh.io.write import open_writer
 
 LAYERS = ("triangles", "edges", "nodes")
 

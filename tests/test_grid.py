@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pyproj import CRS, Geod
 
 from geomesh.errors import GeoreferenceError
-from geomesh.grid import Grid, Window
+from geomesh.raster.grid import Grid, Window
 
 # affine 3 asks for `@` in place of `*` in a pending deprecation; affine 2 has `*` only.
 pytestmark = pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")

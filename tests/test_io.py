@@ -25,15 +25,15 @@ from conftest import SAMPLES
 from pyproj import CRS, Transformer
 from scipy.spatial import ConvexHull, Delaunay
 
-from geomesh.certificate import DomainFacts
+from geomesh.arrays.table import Table
 from geomesh.errors import CertificateError, GeoreferenceError, MeshFileError, OutputError
-from geomesh.grid import Grid
 from geomesh.io import batches, feed, verify
 from geomesh.io.read import read_mesh
-from geomesh.io.vector import check_output, write_mesh
-from geomesh.mesh import LAYERS, Mesh
-from geomesh.table import Table
-from geomesh.topology import boundary_edges, edge_keys
+from geomesh.io.write import check_output, write_mesh
+from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.topology import boundary_edges, edge_keys
+from geomesh.mesh.triangle_mesh import LAYERS, Mesh
+from geomesh.raster.grid import Grid
 
 EXTENSIONS = (".gpkg", ".geojson", ".fgb", ".parquet")
 UTM = "EPSG:32723"
@@ -621,8 +621,8 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path) -> None:
     pickled.write_bytes(pickle.dumps(random_mesh()))
     code = """
 import os, pickle, signal, sys
-from geomesh.io import feed
-from geomesh.io.vector import write_mesh
+from geomesh.formats import feed
+from geomesh.io.write import write_mesh
 feed.BATCH_ROWS = 50
 def stop(fraction, message):
     if fraction > 0.5:
@@ -644,7 +644,7 @@ def test_limit_on_file_size_is_told_in_one_line(tmp_path: Path) -> None:
     code = """
 import pickle, resource, sys
 from geomesh.errors import OutputError
-from geomesh.io.vector import write_mesh
+from geomesh.io.write import write_mesh
 with open(sys.argv[1], "rb") as file:
     mesh = pickle.load(file)
 resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))

@@ -17,11 +17,11 @@ from pyproj import CRS, Geod
 from scipy import sparse
 from scipy.spatial import Delaunay
 
-from geomesh.certificate import DomainFacts
+from geomesh.arrays.table import Table
 from geomesh.errors import MissingExtraError
-from geomesh.grid import Grid
-from geomesh.mesh import LAYERS, Mesh
-from geomesh.table import Table
+from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.triangle_mesh import LAYERS, Mesh
+from geomesh.raster.grid import Grid
 
 UTM = CRS(32618)
 WIDTH, HEIGHT = 40, 30

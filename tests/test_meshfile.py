@@ -9,10 +9,10 @@ from pyproj import CRS
 from scipy.io import netcdf_file
 from test_io import GRIDS, random_mesh, two_triangles
 
+from geomesh.arrays.table import Table
 from geomesh.errors import OutputError
-from geomesh.io.vector import write_mesh
 from geomesh.io.verify import count_rows
-from geomesh.table import Table
+from geomesh.io.write import write_mesh
 
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=list(GRIDS))

@@ -20,10 +20,10 @@ from pyproj import CRS
 from test_mesh import GRIDS, make_mesh
 
 import geomesh
+from geomesh.arrays.table import Table
 from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
-from geomesh.grid import Grid
-from geomesh.table import Table
-from geomesh.thumbnail import brightened, parse_colors, thumbnail
+from geomesh.raster.grid import Grid
+from geomesh.view.thumbnail import brightened, parse_colors, thumbnail
 
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 

@@ -15,11 +15,11 @@ from scipy.spatial import cKDTree
 from shapely.geometry import shape
 
 import geomesh
-from geomesh.domain import loop_area, simplify, subdivide
+from geomesh.domain.loops import loop_area, simplify, subdivide
+from geomesh.domain.outline import drop_small_loops, find_turns, trace
 from geomesh.errors import GeomeshWarning
-from geomesh.grid import Window
-from geomesh.outline import drop_small_loops, find_turns, trace
-from geomesh.tiles import plan_tiles
+from geomesh.parallel.tiles import plan_tiles
+from geomesh.raster.grid import Window
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 24), st.integers(1, 24)))
 blobs = st.builds(

@@ -19,8 +19,8 @@ from test_bad_output import PROGRAM, small_disk
 
 import geomesh
 from geomesh.errors import GeomeshWarning
-from geomesh.scan import owner
-from geomesh.topology import FILL
+from geomesh.mesh.topology import FILL
+from geomesh.zonal.rasterize import owner
 
 __all__ = ["command", "small_disk"]  # fixtures, used by their names
 

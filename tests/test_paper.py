@@ -8,7 +8,7 @@ from conftest import SAMPLES
 from scipy.spatial import Delaunay
 
 import geomesh
-from geomesh.quality import ki
+from geomesh.mesh.quality import ki
 
 pytestmark = pytest.mark.filterwarnings("ignore:the array has no georeference")
 

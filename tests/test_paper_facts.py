@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 import geomesh
-from geomesh.evaluate import evaluate
-from geomesh.quality import ki, measure
+from geomesh.evaluate.run import evaluate
+from geomesh.mesh.quality import ki, measure
 
 DOCS = Path(__file__).parent.parent / "docs"
 

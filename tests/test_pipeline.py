@@ -16,7 +16,7 @@ from shapely import Polygon
 
 import geomesh
 from geomesh.errors import GeomeshWarning, RecipeError
-from geomesh.tiles import plan_tiles
+from geomesh.parallel.tiles import plan_tiles
 
 pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
 
@@ -148,7 +148,7 @@ def test_the_order_of_tiles_does_not_matter(monkeypatch):
     def backward(*args, **options):
         return plan_tiles(*args, **options)[::-1]
 
-    monkeypatch.setattr("geomesh.detect.plan_tiles", backward)
+    monkeypatch.setattr("geomesh.features.detect.plan_tiles", backward)
     assert len(backward(forward.grid.extent)) == 4
     assert_identical(forward, geomesh.mesh_raster(source))
 

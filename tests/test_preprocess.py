@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.spatial.distance import cdist
 
 from geomesh.errors import BandError
-from geomesh.preprocess import (
+from geomesh.features.gray import (
     Tone,
     fill_invalid,
     fit_tone,

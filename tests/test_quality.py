@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from geomesh.quality import ki, measure
+from geomesh.mesh.quality import ki, measure
 
 ONE = np.array([[0, 1, 2]], np.int32)
 LENGTHS = ("ab", "bc", "ca", "ki", "ki_min", "ki_mean")
@@ -244,7 +244,7 @@ def test_measures_do_not_depend_on_how_many_triangles_are_seen_at_once(
     rng = np.random.default_rng(5)
     points, triangles = rng.random((50, 2)), rng.integers(0, 50, (100, 3)).astype(np.int32)
     whole = measure(points, triangles, size=(1, 1)).table
-    monkeypatch.setattr("geomesh.table._BLOCK", 7)
+    monkeypatch.setattr("geomesh.arrays.table._BLOCK", 7)
     again = measure(points, triangles, size=(1, 1)).table
     for name, values in whole.items():
         np.testing.assert_array_equal(again[name], values)

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geomesh.errors import RecipeError
-from geomesh.recipe import PRESETS, Recipe
-from geomesh.rules import (
+from geomesh.parameters import (
     DOMAINS,
     FARTHEST_EDGE,
     GRAY_METHODS,
@@ -23,6 +22,7 @@ from geomesh.rules import (
     SIFT_SOURCES,
     STATISTICS,
 )
+from geomesh.recipe import PRESETS, Recipe
 
 NAMES = tuple(field.name for field in fields(Recipe))
 
@@ -358,7 +358,7 @@ def test_importing_brings_nothing_heavy(module: str) -> None:
 
 
 def test_meshing_needs_no_data_frames() -> None:
-    program = "import sys, geomesh.pipeline; print('pandas' in sys.modules)"
+    program = "import sys, geomesh.pipeline.mesh_scene; print('pandas' in sys.modules)"
     assert run("-c", program).strip() == "False"
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from scipy.spatial import Delaunay
 
-from geomesh.grid import Window
-from geomesh.render import (
+from geomesh.mesh.topology import FILL
+from geomesh.raster.grid import Window
+from geomesh.surface.paint import (
     RIDGE,
     complete,
     find_errors,
@@ -22,8 +23,7 @@ from geomesh.render import (
     solve,
     to_pixels,
 )
-from geomesh.scan import owner
-from geomesh.topology import FILL
+from geomesh.zonal.rasterize import owner
 
 
 def random_mesh(rng, width, height, count, *, corners=True):

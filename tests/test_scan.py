@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from rasterio.features import rasterize
 from scipy.spatial import Delaunay
 
-from geomesh.grid import Window
-from geomesh.scan import column_range, owner, row_range, sort_corners
-from geomesh.topology import FILL
+from geomesh.mesh.topology import FILL
+from geomesh.raster.grid import Window
+from geomesh.zonal.rasterize import column_range, owner, row_range, sort_corners
 
 ONE = np.array([[0, 1, 2]], np.int32)
 

@@ -13,10 +13,10 @@ import pytest
 from test_io import assert_same, hidden, random_mesh
 
 from geomesh.errors import OutputError
-from geomesh.io import scribe
+from geomesh.io import gdal_process as scribe
+from geomesh.io.gdal_process import Scribes
 from geomesh.io.read import read_mesh
-from geomesh.io.scribe import Scribes
-from geomesh.io.vector import open_writer, write_mesh
+from geomesh.io.write import open_writer, write_mesh
 
 
 def silent(_fraction: float, _message: str) -> None:
@@ -84,7 +84,7 @@ def test_dismissed_ones_stop_at_once(tmp_path: Path) -> None:
 
 def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
     code = (
-        "import sys; from geomesh.io.scribe import Scribes; s = Scribes(1); s.warm();"
+        "import sys; from geomesh.io.gdal_process import Scribes; s = Scribes(1); s.warm();"
         "print(s._idle[0]._process.pid, flush=True); import os; os._exit(0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geomesh.table import Table, read_only
+from geomesh.arrays.table import Table, read_only
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import Delaunay
 
-from geomesh.quality import ki, measure
+from geomesh.mesh.quality import ki, measure
 
 # AB, BC, CA, and Ki as the abstract and as the table have it.
 PROPOSED = (101, 213, 99), 104.46, 102

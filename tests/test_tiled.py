@@ -12,9 +12,10 @@ from scipy.spatial import Delaunay
 from test_triangulate import area, as_sets, assert_delaunay, exact_incircle
 
 import geomesh
-from geomesh import kd, ties, tiled, triangulate
+from geomesh.delaunay import kd_split as kd
+from geomesh.delaunay import ties, tiled, triangulate
 from geomesh.errors import CertificateError
-from geomesh.topology import boundary_edges
+from geomesh.mesh.topology import boundary_edges
 
 TILES = (2, 30, 400)
 

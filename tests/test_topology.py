@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from geomesh.topology import (
+from geomesh.mesh.topology import (
     FILL,
     boundary_edges,
     build_edges,

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from geomesh.topology import boundary_edges, build_edges, neighbours
-from geomesh.triangulate import constrained_delaunay, delaunay
+from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
+from geomesh.mesh.topology import boundary_edges, build_edges, neighbours
 
 
 def as_sets(triangles):

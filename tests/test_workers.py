@@ -29,11 +29,11 @@ from test_bad_input import OLD, Geomesh, command, picture, snapshot, write
 from test_bad_output import PROGRAM
 
 import geomesh
-from geomesh import workers
 from geomesh.errors import SourceError, WorkerError
-from geomesh.handles import CACHE_BYTES
-from geomesh.raster import Scene
-from geomesh.workers import Crew, open_crew
+from geomesh.parallel import workers
+from geomesh.parallel.workers import Crew, open_crew
+from geomesh.raster.gdal import CACHE_BYTES
+from geomesh.raster.scene import Scene
 
 __all__ = ["command"]  # a fixture, used by its name
 

@@ -19,11 +19,11 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import Delaunay
 from shapely import Polygon, polygons
 
-from geomesh.columns import band_names, colors, node_columns, triangle_columns
-from geomesh.grid import Window
-from geomesh.scan import owner
-from geomesh.tiles import plan_tiles
-from geomesh.zonal import measure_tile, merge
+from geomesh.parallel.tiles import plan_tiles
+from geomesh.raster.grid import Window
+from geomesh.zonal.columns import band_names, colors, node_columns, triangle_columns
+from geomesh.zonal.rasterize import owner
+from geomesh.zonal.statistics import measure_tile, merge
 
 DTYPES = ["uint8", "int16", "uint16", "int64", "uint64", "float32", "float64", ">u2", "float16"]
 

@@ -21,7 +21,7 @@ from geomesh.cli.quality import quality
 from geomesh.cli.render import render
 from geomesh.cli.stages import stages
 from geomesh.cli.versions import print_versions
-from geomesh.memory import keep_freed_memory
+from geomesh.parallel.memory import keep_freed_memory
 
 _INTERRUPTED = 130
 _TERMINATED = 143

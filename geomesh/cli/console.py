@@ -64,7 +64,7 @@ class People:
     def progress(self) -> Iterator[Report]:
         """Show a bar, if asked for."""
         if self._bar:
-            from geomesh.progress import bar
+            from geomesh.parallel.progress import bar
 
             with bar() as report:
                 yield report

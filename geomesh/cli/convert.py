@@ -10,7 +10,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import layer_options, output_options
-from geomesh.cli.places import keep_inputs
+from geomesh.cli.outputs import keep_inputs
 
 
 @click.command()
@@ -42,8 +42,8 @@ def convert(
     console.start("convert", mesh_file)
     with guarded(console, debug) as failures, console.progress() as report:
         from geomesh.io.read import read_mesh
-        from geomesh.io.vector import check_output, write_mesh
-        from geomesh.tiles import part_of
+        from geomesh.io.write import check_output, write_mesh
+        from geomesh.parallel.tiles import part_of
 
         keep_inputs([output], [mesh_file])
         check_output(output, overwrite=overwrite, driver=driver)

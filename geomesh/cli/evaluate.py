@@ -11,11 +11,11 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import numbers, output_options
-from geomesh.cli.places import keep_inputs
+from geomesh.cli.outputs import keep_inputs
 from geomesh.errors import EmptyError
 
 if TYPE_CHECKING:
-    from geomesh.comparison import Comparison
+    from geomesh.evaluate.comparison import Comparison
 
 
 @click.command()
@@ -78,8 +78,8 @@ def evaluate(
     comparison = None
     with guarded(console, debug) as problems:
         with console.progress() as report:
-            from geomesh.evaluate import evaluate as evaluate_images
-            from geomesh.imagefiles import find_images
+            from geomesh.evaluate.images import find_images
+            from geomesh.evaluate.run import evaluate as evaluate_images
 
             images = find_images(sources)
             keep_inputs(outputs, images)
@@ -100,7 +100,7 @@ def evaluate(
     if as_json:
         click.echo(json.dumps(comparison.to_dict(), indent=2))
     elif comparison.records and progress != "jsonl":
-        from geomesh.cli.table1 import print_comparison
+        from geomesh.cli.evaluate_tables import print_comparison
 
         print_comparison(comparison)
     if not problems and (outputs or progress == "jsonl"):
@@ -116,14 +116,14 @@ def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> N
     if output is not None:
         check_place(Path(output), overwrite=overwrite)
     if figure is not None:
-        import geomesh.comparison_figure  # noqa: F401  (says so if matplotlib is not there)
-        from geomesh.figures import check_picture
+        import geomesh.evaluate.figure  # noqa: F401  (says so if matplotlib is not there)
+        from geomesh.view.plot import check_picture
 
         check_picture(figure, overwrite=overwrite)
 
 
 def _draw(comparison: Comparison, figure: str, overwrite: bool) -> None:
-    from geomesh.comparison_figure import draw_comparison
-    from geomesh.figures import save_picture
+    from geomesh.evaluate.figure import draw_comparison
+    from geomesh.view.plot import save_picture
 
     save_picture(draw_comparison(comparison), figure, overwrite=overwrite)

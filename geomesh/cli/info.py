@@ -67,10 +67,10 @@ def _describe_mesh(path: str) -> dict[str, Any]:
 
 
 def _describe_raster(path: str) -> dict[str, Any]:
-    from geomesh.overview import read_overview
-    from geomesh.sources import open_scene
-    from geomesh.tiles import plan_tiles
-    from geomesh.workers import open_crew
+    from geomesh.features.overview import read_overview
+    from geomesh.parallel.tiles import plan_tiles
+    from geomesh.parallel.workers import open_crew
+    from geomesh.raster.open import open_scene
 
     scene = open_scene(path)
     grid = scene.grid

@@ -16,9 +16,9 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
-from geomesh.cli.places import keep_inputs
+from geomesh.cli.outputs import keep_inputs
 from geomesh.errors import OutputError
-from geomesh.rules import STATISTICS
+from geomesh.parameters import STATISTICS
 
 # A process writes each layer of a GeoPackage, as far as there are cores.
 _MOST_LAYERS = 3
@@ -107,14 +107,14 @@ def mesh(
     with ExitStack() as stack:
         with guarded(console, debug) as problems:
             if jobs:
-                from geomesh.io.scribe import Scribes
+                from geomesh.io.gdal_process import Scribes
 
                 scribes = stack.enter_context(
                     Scribes(min(workers or os.cpu_count() or 1, _MOST_LAYERS))
                 )
                 scribes.warm()  # they load while this process does
                 crew = stack.enter_context(_open_crew(workers, scheduler))
-                from geomesh.job import mesh_file
+                from geomesh.pipeline.mesh_file import mesh_file
         if problems:
             failures, jobs = failures + problems, []
         for job in jobs:
@@ -160,10 +160,10 @@ def mesh(
 def _open_crew(workers: int | None, scheduler: str | None) -> Any:
     """Return the crew as a context: threads, or those of the cluster."""
     if scheduler is None:
-        from geomesh.workers import open_crew
+        from geomesh.parallel.workers import open_crew
 
         return open_crew(workers)
-    from geomesh.cluster import open_cluster
+    from geomesh.parallel.dask import open_cluster
 
     return open_cluster(scheduler)
 
@@ -176,7 +176,7 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
         return [Job(sources[0], folder)], None
-    from geomesh.io.formats import find_format
+    from geomesh.formats.format import find_format
 
     if folder.suffix.lower() in _extensions() and not folder.is_dir():
         raise OutputError(f"{output} is the name of one file; for several rasters name a folder")
@@ -214,7 +214,7 @@ def _make_folder(folder: Path) -> bool:
 
 
 def _extensions() -> set[str]:
-    from geomesh.io.formats import FORMATS
+    from geomesh.formats.format import FORMATS
 
     return {extension for known in FORMATS for extension in known.extensions}
 

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import click
 
 from geomesh.errors import RecipeError
+from geomesh.parameters import DOMAINS
 from geomesh.recipe import PRESETS, Recipe
-from geomesh.rules import DOMAINS
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -73,7 +73,7 @@ def _settings(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
 
 def _until_eof(_ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if value:
-        from geomesh.cli.lifeline import hold
+        from geomesh.cli.until_eof import hold
 
         hold()
 
@@ -81,7 +81,7 @@ def _until_eof(_ctx: click.Context, _param: click.Parameter, value: bool) -> Non
 def raster_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that say what to read and how to make a mesh of it.
 
-    The command gets them as `reading`, keywords of `geomesh.sources.open_scene`, and
+    The command gets them as `reading`, keywords of `geomesh.raster.open.open_scene`, and
     `recipe_options`, keywords of `build_recipe`.
     """
 

@@ -11,7 +11,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import output_options
-from geomesh.cli.places import keep_inputs
+from geomesh.cli.outputs import keep_inputs
 
 
 @click.command()
@@ -53,8 +53,8 @@ def quality(
     console.start("quality", mesh_file)
     with guarded(console, debug) as failures, console.progress() as report:
         from geomesh.io.read import read_mesh
-        from geomesh.io.vector import check_output, write_mesh
-        from geomesh.tiles import part_of
+        from geomesh.io.write import check_output, write_mesh
+        from geomesh.parallel.tiles import part_of
 
         if output is not None:
             keep_inputs([output], [mesh_file])

@@ -10,10 +10,10 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import numbers, output_options
-from geomesh.cli.places import keep_inputs
+from geomesh.cli.outputs import keep_inputs
 
 if TYPE_CHECKING:
-    from geomesh.fidelity import Fidelity
+    from geomesh.surface.fidelity import Fidelity
 
 
 def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> Any:
@@ -111,9 +111,9 @@ def render(
     console.start("render", mesh_file)
     with guarded(console, debug) as failures, console.progress() as report:
         from geomesh.io.geotiff import check_geotiff
-        from geomesh.io.painting import render_file
         from geomesh.io.read import read_mesh
-        from geomesh.tiles import part_of
+        from geomesh.io.render import render_file
+        from geomesh.parallel.tiles import part_of
 
         keep_inputs([output], [mesh_file, source])
         check_geotiff(output, overwrite=overwrite)

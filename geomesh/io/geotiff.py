@@ -16,11 +16,11 @@ from rasterio.crs import CRS
 from rasterio.enums import ColorInterp
 from rasterio.errors import RasterioError
 
-from geomesh.bands import palette
 from geomesh.errors import OutputError, one_line
-from geomesh.grid import IDENTITY
 from geomesh.io.atomic import check_place
-from geomesh.raster import Excerpt, Scene, can_hold
+from geomesh.raster.bands import palette
+from geomesh.raster.grid import IDENTITY
+from geomesh.raster.scene import Excerpt, Scene, can_hold
 
 _EXTENSIONS = (".tif", ".tiff")
 

@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 
-from geomesh.certificate import DomainFacts
+from geomesh.arrays.table import Table
 from geomesh.errors import MeshFileError
-from geomesh.grid import Grid
-from geomesh.io.document import FORMAT, KEY, RESERVED
-from geomesh.mesh import Mesh
-from geomesh.table import Table
-from geomesh.topology import build_edges
+from geomesh.formats.document import FORMAT, KEY, RESERVED
+from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.topology import build_edges
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.raster.grid import Grid
 
 _CORNERS = ("n0", "n1", "n2")
 
 
 def read_mesh(path: str | PathLike[str]) -> Mesh:
-    """Return the mesh in a GeoPackage that `geomesh.io.vector.write_mesh` made.
+    """Return the mesh in a GeoPackage that `geomesh.io.write.write_mesh` made.
 
     Nodes are taken from their `col` and `row`, not from the geometry, so they are
     the same to the last bit. Constraints come in the order of the edges, the lower
@@ -112,7 +112,7 @@ def _find_layers(path: Path) -> set[str]:
 
 
 def read_document(path: str | PathLike[str]) -> dict[str, Any]:
-    """Return the metadata document of a mesh: see `geomesh.io.document.describe`.
+    """Return the metadata document of a mesh: see `geomesh.formats.document.describe`.
 
     Raises
     ------

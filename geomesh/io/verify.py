@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 from scipy.io import netcdf_file
 
-from geomesh.io.meshfile import FACES
+from geomesh.formats.ugrid import FACES
 
 _FEATURE = b'{ "type": "Feature",'
 

@@ -319,7 +319,7 @@ CORE = "from qgis.core import *\n".replace("*", "Qgis, QgsMapLayer, QgsProcessin
         ("from PyQt5.QtCore import Qt", "qgis.PyQt"),
         ("def f():\n import PyQt6.QtCore", "qgis.PyQt"),
         ("import sip", "qgis.PyQt"),
-        ("def f():\n from geomesh.mesh import Mesh", "process"),
+        ("def f():\n from geomesh.mesh.triangle_mesh import Mesh", "process"),
         ("import numpy as np", "where it is used"),
         ("from osgeo import gdal", "where it is used"),
         ("import tomllib", "3.9"),

@@ -1,0 +1,1 @@
+"""Arrays: compiled kernels, read-only columns, and the types that every package uses."""

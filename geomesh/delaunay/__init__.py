@@ -1,0 +1,1 @@
+"""Stage 4: exact Delaunay and constrained Delaunay triangulation."""

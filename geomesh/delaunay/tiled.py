@@ -1,0 +1,205 @@
+"""Exact Delaunay triangulation by tiles: the memory of the engine is that of one tile.
+
+The points are split into tiles of equal count. A tile's own triangulation is right
+where no other point could change it: a triangle is settled if its circumcircle
+lies inside the tile's box, which holds no point of another tile, and if no
+constraint touches the triangle. Vertices of the other triangles and of the tile's
+hull form the residual set, a few points in a hundred, which is triangulated once,
+with all constraints. There, the settled triangles replace what lies in their place.
+
+Why the result is the triangulation T of all points, ties and constraints included:
+
+- Settled triangles belong to T: nothing lies in their circles, so all cocircular
+  points are in the tile, and the fan of ties around the lowest is the same; where a
+  constraint cuts the circle, the triangles that it leaves alone are on the side of
+  that lowest point, still a fan around it.
+- Around a point outside the residual set all triangles are settled. So every other
+  triangle of T has its vertices in the residual set. The residual triangulation R
+  contains it: a residual point in its circle is hidden from it by the same
+  constraints as in T, because every end of a constraint, and every point on one,
+  is residual. Its fan is around the lowest of its circle in T, its own vertex, which
+  is still the lowest among fewer.
+- R and T cover the same hull. Edges between settled triangles and others are edges
+  of both. So what R has on the settled side of them covers exactly the settled
+  triangles; a flood that stops at these edges finds it.
+- No constraint touches a settled triangle: a connected group of them lies inside
+  the loops if what R has in its place does, and R is rid of all that lies outside.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.arrays.jit import kernel
+from geomesh.delaunay import cdt
+from geomesh.delaunay.kd_split import split
+from geomesh.delaunay.settle import gather_groups, mark_touched, settle, unsettled_points
+from geomesh.errors import CertificateError
+from geomesh.mesh.topology import FILL, Triangles
+
+
+class _Settled(NamedTuple):
+    """What one tile settles; all indices are those of all points.
+
+    Attributes
+    ----------
+    triangles : int32 (C, 3)
+        One connected group after the other.
+    starts : int32 (G + 1,)
+        Where each group starts in `triangles`, and the end of the last.
+    border : int32 (B, 2)
+        Half-edges of settled triangles with no settled triangle across.
+    groups : int32 (B,)
+        The group of each.
+    residual : int32 (R,)
+        Points of the tile that are to be triangulated again.
+    """
+
+    triangles: Triangles
+    starts: NDArray[np.int32]
+    border: NDArray[np.int32]
+    groups: NDArray[np.int32]
+    residual: NDArray[np.int32]
+
+
+def triangulate(
+    points: NDArray[np.float64],
+    segments: NDArray[np.integer] | None,
+    tile_points: int,
+    executor: Executor | None = None,
+) -> list[Triangles]:
+    """Return the triangles of `cdt.triangulate`, in parts and in no particular order.
+
+    Parameters
+    ----------
+    points : float64 (N, 2)
+        Distinct, not all on a line.
+    segments : int (S, 2), optional
+        Closed loops; what lies outside is left out.
+    tile_points : int
+        The most points in a tile.
+    executor : concurrent.futures.Executor, optional
+        Of threads: each takes a tile at a time, one after the other by default.
+    """
+    order, stops, boxes = split(points, max(tile_points, 1))
+    tiles = list(zip(np.split(order, stops[:-1]), boxes, strict=True))
+    work = partial(_settle_tile, points, segments)
+    found = list(executor.map(work, tiles) if executor else map(work, tiles))
+    del order, tiles
+    return _join(points, segments, found)
+
+
+def _settle_tile(
+    points: NDArray[np.float64],
+    segments: NDArray[np.integer] | None,
+    tile: tuple[NDArray[np.int32], NDArray[np.float64]],
+) -> _Settled:
+    ids = np.sort(tile[0])
+    own = points[ids]
+    nothing = np.empty((0, 3), np.int32)
+    patch = cdt.triangulate(own) if cdt.spans_area(own) else cdt.Patch(nothing, nothing)
+    settled = settle(own, patch.triangles, tile[1])
+    if segments is not None:
+        _exclude_touched(points, segments, ids, own, patch, settled)
+    triangles, starts, border, groups = gather_groups(patch.triangles, patch.across, settled)
+    residual = unsettled_points(patch.triangles, patch.across, settled, len(own))
+    return _Settled(ids[triangles], starts, ids[border], groups, ids[residual])
+
+
+def _exclude_touched(
+    points: NDArray[np.float64],
+    segments: NDArray[np.integer],
+    ids: NDArray[np.int32],
+    own: NDArray[np.float64],
+    patch: cdt.Patch,
+    settled: NDArray[np.bool_],
+) -> None:
+    """Clear `settled` where a segment touches a triangle of the tile."""
+    low, high = own.min(axis=0), own.max(axis=0)
+    one, other = points[segments[:, 0]], points[segments[:, 1]]
+    beside = (np.minimum(one, other) > high) | (np.maximum(one, other) < low)
+    near = ~beside.any(axis=1)
+    ends = segments[near]
+    place = np.minimum(np.searchsorted(ids, ends), len(ids) - 1)
+    inside = np.where(ids[place] == ends, place, FILL).max(axis=1, initial=FILL)
+    lines = np.hstack([one[near], other[near]])
+    mark_touched(own, patch.triangles, patch.across, lines, inside.astype(np.int32), settled)
+
+
+def _join(
+    points: NDArray[np.float64],
+    segments: NDArray[np.integer] | None,
+    found: list[_Settled],
+) -> list[Triangles]:
+    """Triangulate the residual points and put the settled triangles in their place."""
+    residual = np.sort(np.concatenate([tile.residual for tile in found]))
+    chosen = None if segments is None else np.searchsorted(residual, segments)
+    patch = cdt.triangulate(points[residual], chosen)
+    borders = [np.searchsorted(residual, tile.border).astype(np.int32) for tile in found]
+    places = _find_half_edges(patch.triangles, np.concatenate(borders))
+    covered = _flood(patch.across, places)
+    parts = [residual[patch.triangles[~covered]]]
+    first = 0
+    while found:
+        tile, border = found.pop(0), borders.pop(0)
+        inside = places[first : first + len(border)] != FILL
+        first += len(border)
+        count = len(tile.starts) - 1
+        known = np.bincount(tile.groups[inside], minlength=count)
+        total = np.bincount(tile.groups, minlength=count)
+        # Whole groups are inside the loops, or outside.
+        if not ((known == total) | ((known == 0) & (segments is not None))).all():
+            raise CertificateError(
+                "the tiles of the triangulation do not fit together. This is a defect of "
+                "geomesh: please report it with the source raster"
+            )
+        kept = np.repeat(known > 0, np.diff(tile.starts))
+        parts.append(tile.triangles if kept.all() else tile.triangles[kept])
+    return parts
+
+
+def _find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return 3 t + k for each half-edge (K, 2) from corner k of triangle t, or `FILL`."""
+    starts = triangles.astype(np.int64).ravel() << 32
+    keys = starts | np.roll(triangles, -1, axis=1).ravel()
+    wanted = (pairs[:, 0].astype(np.int64) << 32) | pairs[:, 1]
+    order = np.argsort(keys)
+    keys = keys[order]
+    place = np.searchsorted(keys, wanted)
+    hit = place < len(keys)
+    hit[hit] = keys[place[hit]] == wanted[hit]
+    found = np.full(len(pairs), FILL, np.int64)
+    found[hit] = order[place[hit]]
+    return found
+
+
+@kernel
+def _flood(across: Triangles, places: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Mark the triangles with the half-edges `places`, and all that they reach over other ones."""
+    reached = np.zeros(len(across), np.bool_)
+    closed = np.zeros(across.shape, np.bool_)
+    stack = np.empty(len(across), np.int32)
+    depth = 0
+    for place in places:
+        if place != FILL:
+            t = place // 3
+            closed[t, place % 3] = True
+            if not reached[t]:
+                reached[t] = True
+                stack[depth] = t
+                depth += 1
+    while depth > 0:
+        depth -= 1
+        t = stack[depth]
+        for k in range(3):
+            other = across[t, k]
+            if other != FILL and not closed[t, k] and not reached[other]:
+                reached[other] = True
+                stack[depth] = other
+                depth += 1
+    return reached

@@ -1,0 +1,211 @@
+"""The area that a mesh covers: its outline as loops of few straight segments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from geomesh.arrays.jit import kernel
+from geomesh.domain.outline import Outline
+from geomesh.mesh.certificate import DomainFacts
+from geomesh.raster.grid import Window
+
+# A segment of the simplified outline stays this far from every pixel centre: more
+# than snapping its nodes to the lattice can move it.
+_CLEARANCE = 1 / 128
+
+# Along an exactly diagonal border one sees to its end; that far is far enough, and
+# keeps the time proportional to the length of the outline.
+_FARTHEST_VIEW = 2000
+
+
+def simplify(outline: Outline, extent: Window) -> list[NDArray[np.float64]]:
+    """Return the loops with the fewest corners that keep every pixel centre on its side.
+
+    The outline passes a gate at every pixel border it follows: the gap between the
+    centres of the two pixels on either side. A simplified loop passes the same
+    gates in straight lines, so it moves by less than a pixel, no pixel changes
+    sides and loops cannot cross. Its corners are corners of the outline and
+    middles of its unit steps, which is where a slanted border runs. Corners on the
+    frame of the image and those where outlines touch stay.
+
+    Parameters
+    ----------
+    outline : Outline
+    extent : Window
+        The whole image.
+
+    Returns
+    -------
+    list of float64 (k, 2)
+        Distinct corners of each loop, in pixel-edge coordinates.
+    """
+    x, y = outline.xy.T
+    fixed = np.isin(x, (extent.col, extent.stop_col)) | np.isin(y, (extent.row, extent.stop_row))
+    fixed |= outline.pinned
+    loops = []
+    for start, stop in pairwise(outline.starts):
+        loop, stays = outline.xy[start:stop].astype(np.float64), fixed[start:stop]
+        # Begin at a corner that stays, or else at the topmost, then leftmost one.
+        first = np.flatnonzero(stays)[0] if stays.any() else np.lexsort(loop.T)[0]
+        stations = _stations(np.roll(loop, -first, axis=0), np.roll(stays, -first))
+        loops.append(stations.xy[_fewest_lines(*stations, 0.5 - _CLEARANCE)])
+    return loops
+
+
+class _Stations(NamedTuple):
+    """What a walk along a loop meets, in order.
+
+    Attributes
+    ----------
+    xy : float64 (n, 2)
+        A corner of the outline, or the middle of a gate.
+    step : float64 (n, 2)
+        Unit vector of the walk.
+    may_turn, is_gate, stays : bool (n,)
+        Whether the simplified loop may have a corner here, passes a gate here, or
+        must have a corner here.
+    """
+
+    xy: NDArray[np.float64]
+    step: NDArray[np.float64]
+    may_turn: NDArray[np.bool_]
+    is_gate: NDArray[np.bool_]
+    stays: NDArray[np.bool_]
+
+
+def _stations(loop: NDArray[np.float64], stays: NDArray[np.bool_]) -> _Stations:
+    """Return the stations of a loop (k, 2); the gates at both ends of a side stand for all."""
+    side = np.roll(loop, -1, axis=0) - loop
+    length = np.abs(side).sum(axis=1)
+    step = side / length[:, None]
+    xy = np.stack([loop, loop + step / 2, loop + side - step / 2], axis=1)
+    unit, always = length == 1, np.ones(len(loop), np.bool_)
+    met = np.column_stack([always, always, ~unit]).ravel()
+    may_turn = np.column_stack([always, unit, ~always]).ravel()
+    is_gate = np.column_stack([~always, always, always]).ravel()
+    fixed = np.column_stack([stays, ~always, ~always]).ravel()
+    along = np.repeat(step, 3, axis=0)
+    return _Stations(xy.reshape(-1, 2)[met], along[met], may_turn[met], is_gate[met], fixed[met])
+
+
+@kernel
+def _fewest_lines(
+    xy: NDArray[np.float64],
+    step: NDArray[np.float64],
+    may_turn: NDArray[np.bool_],
+    is_gate: NDArray[np.bool_],
+    stays: NDArray[np.bool_],
+    reach: float,
+) -> NDArray[np.int64]:
+    """Stations at which to turn, to come from station 0 back to it in the fewest lines.
+
+    `reach` is the half width of a gate. The directions in which the gates so far can
+    be passed form a cone between `low` (past the invalid side) and `high` (past the
+    valid one).
+    """
+    count = len(xy)
+    lines = np.full(count + 1, count + 1, np.int64)
+    came_from = np.zeros(count + 1, np.int64)
+    lines[0] = 0
+    for here in range(count):
+        if not may_turn[here]:
+            continue
+        bounded = False
+        low_x, low_y, high_x, high_y = 0.0, 0.0, 0.0, 0.0
+        for k in range(here + 1, min(here + _FARTHEST_VIEW, count) + 1):
+            i = k % count
+            x, y = xy[i, 0] - xy[here, 0], xy[i, 1] - xy[here, 1]
+            seen = x * high_y - y * high_x > 0 and x * low_y - y * low_x < 0
+            if may_turn[i] and (seen or not bounded) and lines[here] + 1 < lines[k]:
+                lines[k] = lines[here] + 1
+                came_from[k] = here
+            if stays[i]:
+                break
+            if is_gate[i]:
+                # Data lie at (-step y, step x): walking along +x they are at +y.
+                vx, vy = x - step[i, 1] * reach, y + step[i, 0] * reach
+                wx, wy = x + step[i, 1] * reach, y - step[i, 0] * reach
+                if not bounded or high_x * vy - high_y * vx < 0:
+                    high_x, high_y = vx, vy
+                if not bounded or low_x * wy - low_y * wx > 0:
+                    low_x, low_y = wx, wy
+                bounded = True
+                if low_x * high_y - low_y * high_x <= 0:
+                    break
+    turns = np.empty(lines[count], np.int64)
+    k = count
+    for position in range(lines[count] - 1, -1, -1):
+        k = came_from[k]
+        turns[position] = k
+    return turns
+
+
+def frame(width: int, height: int) -> list[NDArray[np.float64]]:
+    """Return the image's frame as the only loop."""
+    return [np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float64)]
+
+
+def describe(kind: str, loops: Sequence[NDArray[np.float64]], **counts: int) -> DomainFacts:
+    """Return what is known of the area inside `loops` before it is triangulated.
+
+    `counts` are further fields of DomainFacts.
+    """
+    areas = np.array([loop_area(loop) for loop in loops])
+    return DomainFacts(
+        kind=kind,
+        area=float(areas.sum()),
+        components=int(np.count_nonzero(areas > 0)),
+        holes=int(np.count_nonzero(areas < 0)),
+        **counts,
+    )
+
+
+def loop_area(loop: NDArray[np.float64]) -> float:
+    """Return the shoelace area of a loop (k, 2); positive around data."""
+    x, y = (loop - loop[0]).T
+    return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
+
+
+def subdivide(loop: NDArray[np.float64], spacing: float, inside: cKDTree) -> NDArray[np.float64]:
+    """Return the loop with nodes added, as close together as the points inside ask for.
+
+    A segment is halved as long as it is longer than `spacing` and than the
+    distance of its middle to the nearest point: so the nodes of the outline lie
+    about as far apart as they do from those of the interior, and triangles along
+    the border keep their shape.
+
+    Parameters
+    ----------
+    loop : float64 (k, 2)
+    spacing : float
+        Segments up to this length stay whole, in pixels.
+    inside : cKDTree
+        The other nodes of the mesh; with none of them the loop stays as it is.
+    """
+    if inside.n == 0:
+        return loop
+    # Each segment as its place along the loop: corner number, and the part of it.
+    start, length = np.arange(len(loop), dtype=np.float64), 1.0
+    following = np.roll(loop, -1, axis=0)
+    places = [start]
+    while len(start):
+        corner = start.astype(np.intp)
+        side = following[corner] - loop[corner]
+        middle = loop[corner] + side * (start - corner + length / 2)[:, None]
+        extent = np.hypot(*side.T) * length
+        near, _ = inside.query(middle)
+        split = start[extent > np.maximum(spacing, near)]
+        length /= 2
+        places.append(split + length)
+        start = np.concatenate([split, split + length])
+    place = np.sort(np.concatenate(places))
+    corner = place.astype(np.intp)
+    share = (place - corner)[:, None]
+    points: NDArray[np.float64] = loop[corner] + share * (following[corner] - loop[corner])
+    return points

@@ -1,0 +1,204 @@
+"""The outline of the valid data, on pixel corners, traced from the places where it turns.
+
+An outline runs on pixel borders, between a valid and an invalid pixel. Tiles
+contribute their turns, so no mask of the whole scene is ever held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.arrays.jit import kernel
+from geomesh.parallel.tiles import Tile
+from geomesh.raster.grid import Window
+
+# Which of the four pixels around a corner are valid, as a sum of:
+_UPPER_LEFT, _UPPER_RIGHT, _LOWER_LEFT, _LOWER_RIGHT = 1, 2, 4, 8
+# One pixel or three make the outline turn; two diagonal ones make two outlines turn.
+_TURNS = np.isin(np.arange(16), [1, 2, 4, 8, 7, 11, 13, 14])
+_SADDLES = {
+    _UPPER_LEFT | _LOWER_RIGHT: (_UPPER_LEFT, _LOWER_RIGHT),
+    _UPPER_RIGHT | _LOWER_LEFT: (_UPPER_RIGHT, _LOWER_LEFT),
+}
+# Where the two sides of a turn lead, and on which side of the horizontal one the data lie.
+_GOES_RIGHT = np.isin(np.arange(16), [2, 8, 7, 13])
+_GOES_DOWN = np.isin(np.arange(16), [4, 8, 7, 11])
+_DATA_BELOW = np.isin(np.arange(16), [4, 8, 13, 14])
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Corners where the outline turns.
+
+    Attributes
+    ----------
+    xy : int64 (n, 2)
+        Column and row of the pixel corner.
+    kind : uint8 (n,)
+        Which of the four pixels around it are valid.
+    """
+
+    xy: NDArray[np.int64]
+    kind: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The outline of the data, on pixel corners.
+
+    Attributes
+    ----------
+    xy : int64 (n, 2)
+        The turns of all loops, loop after loop; walking on, data are on the side
+        of growing y when x grows: outer loops have positive shoelace areas.
+    starts : int64 (m + 1,)
+        Where each loop begins in `xy`; the last entry is n.
+    pinned : bool (n,)
+        Corners that two outlines touch: they stay when the outline is simplified.
+    """
+
+    xy: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    pinned: NDArray[np.bool_]
+
+    def areas(self) -> NDArray[np.int64]:
+        """Signed area of each loop in pixels: positive around data, negative around holes."""
+        following = np.arange(1, len(self.xy) + 1)
+        following[self.starts[1:] - 1] = self.starts[:-1]
+        x, y = self.xy.T
+        cross = x * y[following] - x[following] * y
+        return np.add.reduceat(cross, self.starts[:-1]) // 2 if len(cross) else cross
+
+
+def find_turns(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Turns:
+    """Return the turns of the outline that the tile answers for.
+
+    Parameters
+    ----------
+    valid : bool (h, w)
+        Validity of the pixels of `tile.read`.
+    tile : Tile
+        It answers for the upper left corners of the pixels of its core, and for
+        the right and lower border of the image where it reaches them.
+    extent : Window
+        The whole image; outside it nothing is valid.
+    """
+    core = tile.core
+    ring = core.pad(1)
+    if ring.clip(tile.read) == ring and valid[ring.slices(tile.read)].all():
+        return Turns(np.empty((0, 2), np.int64), np.empty(0, np.uint8))
+    padded = np.zeros(ring.shape, np.uint8)
+    known = ring.clip(tile.read)
+    padded[known.slices(ring)] = valid[known.slices(tile.read)]
+    kind = padded[:-1, :-1] * np.uint8(_UPPER_LEFT) + padded[:-1, 1:] * np.uint8(_UPPER_RIGHT)
+    kind += padded[1:, :-1] * np.uint8(_LOWER_LEFT) + padded[1:, 1:] * np.uint8(_LOWER_RIGHT)
+    rows = core.height + (core.stop_row == extent.stop_row)
+    cols = core.width + (core.stop_col == extent.stop_col)
+    kind = kind[:rows, :cols]
+    row, col = np.nonzero(_TURNS[kind])
+    xy, kinds = [np.column_stack([col, row])], [kind[row, col]]
+    for saddle, pair in _SADDLES.items():
+        row, col = np.nonzero(kind == saddle)
+        for single in pair:
+            xy.append(np.column_stack([col, row]))
+            kinds.append(np.full(len(row), single, np.uint8))
+    corner = np.array([core.col, core.row])
+    return Turns(np.concatenate(xy).astype(np.int64) + corner, np.concatenate(kinds))
+
+
+class Dropped(NamedTuple):
+    """What was left out: islands of data, holes, and the pixels of the islands less the holes'."""
+
+    islands: int
+    holes: int
+    pixels: int
+
+
+def trace(parts: Sequence[Turns]) -> Outline:
+    """Join turns into closed loops.
+
+    Along each grid line the outline enters and leaves at alternate turns, so
+    consecutive turns are joined, first along rows, then along columns; a loop
+    takes both joints in turn. Diagonal pixels do not join (4-connected data).
+    """
+    xy = np.concatenate([part.xy for part in parts])
+    kind = np.concatenate([part.kind for part in parts])
+    order = np.lexsort((kind, xy[:, 0], xy[:, 1]))
+    xy, kind = xy[order], kind[order]
+    x, y = xy.T
+    # Of two turns at one corner, the one whose side leads back ends its side there.
+    along_row = np.lexsort((_GOES_RIGHT[kind], x, y))
+    along_column = np.lexsort((_GOES_DOWN[kind], y, x))
+    visits, starts = _follow(_partners(along_row), _partners(along_column))
+    loops = [visits[a:b] for a, b in pairwise(starts)]
+    # Each loop begins along a row: turn it around if data are not where they should be.
+    loops = [
+        loop if _GOES_RIGHT[kind[loop[0]]] == _DATA_BELOW[kind[loop[0]]] else loop[::-1]
+        for loop in loops
+    ]
+    turns = np.concatenate(loops) if loops else np.empty(0, np.int64)
+    same = np.zeros(len(xy), np.bool_)
+    repeated = (np.diff(xy, axis=0) == 0).all(axis=1)
+    same[1:] |= repeated
+    same[:-1] |= repeated
+    return Outline(xy[turns], starts, same[turns])
+
+
+def _partners(order: NDArray[np.intp]) -> NDArray[np.int64]:
+    partner = np.empty(len(order), np.int64)
+    partner[order[0::2]] = order[1::2]
+    partner[order[1::2]] = order[0::2]
+    return partner
+
+
+@kernel
+def _follow(
+    along_row: NDArray[np.int64], along_column: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    count = len(along_row)
+    visits = np.empty(count, np.int64)
+    starts = np.empty(count // 2 + 1, np.int64)
+    seen = np.zeros(count, np.bool_)
+    filled, loops = 0, 0
+    for first in range(count):
+        if seen[first]:
+            continue
+        starts[loops] = filled
+        loops += 1
+        here = first
+        while not seen[here]:
+            for step in (here, along_row[here]):
+                visits[filled] = step
+                seen[step] = True
+                filled += 1
+            here = along_column[along_row[here]]
+    starts[loops] = filled
+    return visits, starts[: loops + 1]
+
+
+def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, Dropped]:
+    """Return the outline without loops of fewer than `min_hole` pixels.
+
+    A loop inside a dropped one is smaller still, so it goes as well. Where all are
+    smaller the largest stays, or nothing would be left.
+
+    """
+    areas = outline.areas()
+    kept = np.abs(areas) >= min_hole
+    if len(areas) and not kept.any():
+        kept[areas.argmax()] = True
+    sizes = np.diff(outline.starts)
+    rows = np.repeat(kept, sizes)
+    starts = np.concatenate([[0], np.cumsum(sizes[kept])])
+    dropped = Dropped(
+        islands=int(np.count_nonzero(~kept & (areas > 0))),
+        holes=int(np.count_nonzero(~kept & (areas < 0))),
+        pixels=int(areas[~kept].sum()),
+    )
+    return Outline(outline.xy[rows], starts, outline.pinned[rows]), dropped

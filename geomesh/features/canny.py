@@ -1,0 +1,205 @@
+"""Stage 2: Canny edges, tile by tile, with hysteresis that is exact across tiles.
+
+Gradients and non-maximum suppression look at a few pixels only; hysteresis
+follows an edge as far as it goes. So each tile labels its own weak components,
+tells which of them hold a strong pixel, and lists the pixels that its
+neighbours see too: components that share a pixel are one, and an edge is a
+component with a strong pixel anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from geomesh.features.gray import Gray
+from geomesh.parallel.tiles import Tile
+from geomesh.raster.grid import Window
+
+# Automatic thresholds: the high one is twice the median gradient of the pixels that
+# have one, but below what the strongest have (in a mask all edges are strong); the
+# low one is half of it.
+_MEDIANS = 2.0
+_STRONGEST = 99
+_OF_STRONGEST = 0.9
+
+# Edges may run so far into nodata: through speckle, not through a collar.
+_BRIDGE = np.ones((5, 5), np.uint8)
+
+# Thresholds are capped at this, as OpenCV does.
+_GREATEST = 32_767
+
+Gradients = tuple[NDArray[np.int16], NDArray[np.int16]]
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Hysteresis thresholds on the gradient, in gray levels, and the norm they are meant in."""
+
+    low: float
+    high: float
+    l2: bool
+
+
+class WeakEdges(NamedTuple):
+    """The weak edge components of a tile.
+
+    Attributes
+    ----------
+    labels : int32 (h, w)
+        Components in `window`, numbered from 1; 0 is no edge.
+    window : Window
+        The tile's core and a seam around it.
+    """
+
+    labels: NDArray[np.int32]
+    window: Window
+
+
+@dataclass(frozen=True)
+class EdgePartial:
+    """What one tile tells the others of its components; small, unlike their pixels.
+
+    Attributes
+    ----------
+    strong : bool (K + 1,)
+        Whether component k holds a strong pixel in this tile.
+    seam_pixels : int64 (S,)
+        Weak pixels that other tiles see too, each as row * image width + column.
+    seam_labels : int32 (S,)
+        Their components.
+    """
+
+    strong: NDArray[np.bool_]
+    seam_pixels: NDArray[np.int64]
+    seam_labels: NDArray[np.int32]
+
+
+def canny(
+    gray: Gray, thresholds: Thresholds, valid: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """Return the Canny edges of a whole 8-bit image (H, W).
+
+    Edges do not run on into pixels that are not `valid` (H, W).
+    """
+    if valid is None:
+        valid = np.ones(gray.shape, np.bool_)
+    height, width = gray.shape
+    whole = Window(0, 0, width, height)
+    (labels, _), partial = tile_edges(
+        gray, valid, Tile(whole, whole), thresholds, image_width=width, seam=1
+    )
+    edges: NDArray[np.bool_] = partial.strong[labels]
+    return edges
+
+
+def _gradients(gray: Gray) -> Gradients:
+    """3x3 Sobel derivatives with the border rule of cv2.Canny."""
+    border = cv2.BORDER_REPLICATE
+    dx = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=3, borderType=border)
+    dy = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=3, borderType=border)
+    return dx, dy  # type: ignore[return-value]
+
+
+def _magnitude(gradients: Iterable[NDArray[np.int16]], l2: bool) -> NDArray[np.int32]:
+    """Gradient magnitude as cv2.Canny compares it: the L1 norm, or the square of the L2 norm."""
+    dx, dy = (g.astype(np.int32) for g in gradients)
+    return dx * dx + dy * dy if l2 else np.abs(dx) + np.abs(dy)
+
+
+def automatic_thresholds(samples: Sequence[tuple[Gray, NDArray[np.bool_]]], l2: bool) -> Thresholds:
+    """Return thresholds set from the median gradient.
+
+    Parameters
+    ----------
+    samples : sequence of (gray (h, w), valid (h, w))
+        Blocks of the image at its own resolution.
+    l2 : bool
+        Norm of the gradient.
+    """
+    magnitudes = [np.zeros(0, np.int32)]
+    for gray, valid in samples:
+        magnitude = _magnitude(_gradients(gray), l2)
+        magnitudes.append(magnitude[valid & (magnitude > 0)])
+    pooled: NDArray[Any] = np.concatenate(magnitudes)
+    if len(pooled) == 0:
+        return Thresholds(0.0, 0.0, l2)
+    median, strongest = np.percentile(np.sqrt(pooled) if l2 else pooled, (50, _STRONGEST))
+    high = min(_MEDIANS * float(median), _OF_STRONGEST * float(strongest))
+    return Thresholds(high / 2, high, l2)
+
+
+def tile_edges(
+    gray: Gray,
+    valid: NDArray[np.bool_],
+    tile: Tile,
+    thresholds: Thresholds,
+    *,
+    image_width: int,
+    seam: int,
+) -> tuple[WeakEdges, EdgePartial]:
+    """Return the weak edges of the tile whose pixels `tile.read` are in `gray`.
+
+    Parameters
+    ----------
+    gray : uint8 (h, w)
+    valid : bool (h, w)
+        Edges bridge single pixels of nodata, but do not run on into it: what is filled
+        in far from the data depends on the tile.
+    tile : Tile
+    thresholds : Thresholds
+    image_width : int
+        Number of columns of the whole image.
+    seam : int
+        Pixels around the core to look at as well, at least 1.
+    """
+    gradients = _gradients(gray)
+    low, l2 = thresholds.low, thresholds.l2
+    near_data = cv2.dilate(valid.view(np.uint8), _BRIDGE)
+    weak = cv2.Canny(*gradients, low, low, L2gradient=l2) * near_data
+    window = tile.core.pad(seam).clip(tile.read)
+    block = window.slices(tile.read)
+    high = min(thresholds.high, _GREATEST)
+    limit = int(high**2) if l2 else int(high)
+    count, found = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
+    labels: NDArray[np.int32] = np.asarray(found, np.int32)
+    rows, cols = np.nonzero(weak[block])
+    label = labels[rows, cols]
+    magnitude = _magnitude((gradient[block][rows, cols] for gradient in gradients), l2)
+    strong = np.zeros(count, np.bool_)
+    strong[label[magnitude > limit]] = True
+    rows, cols = rows + window.row, cols + window.col
+    alone = tile.core.pad(-seam)
+    shared = (rows < alone.row) | (rows >= alone.stop_row)
+    shared |= (cols < alone.col) | (cols >= alone.stop_col)
+    pixels = rows[shared].astype(np.int64) * image_width + cols[shared]
+    return WeakEdges(labels, window), EdgePartial(strong, pixels, label[shared])
+
+
+def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:
+    """Return, for each tile, which of its components are edges: bool (K + 1,)."""
+    starts = np.cumsum([0] + [len(p.strong) for p in partials])
+    pixels = np.concatenate([p.seam_pixels for p in partials])
+    labels = np.concatenate(
+        [p.seam_labels + start for p, start in zip(partials, starts, strict=False)]
+    )
+    order = np.argsort(pixels, kind="stable")
+    same = np.flatnonzero(np.diff(pixels[order]) == 0)
+    one, other = labels[order[same]], labels[order[same + 1]]
+    total = int(starts[-1])
+    links = sparse.coo_array((np.ones(len(one), np.int8), (one, other)), shape=(total, total))
+    _, component = connected_components(links, directed=False)
+    strong = np.concatenate([p.strong for p in partials])
+    has_strong = np.zeros(component.max(initial=-1) + 1, np.bool_)
+    has_strong[component[strong]] = True
+    # Label 0 of each tile is "no edge": nothing links it, and it is never strong.
+    is_edge = has_strong[component]
+    return [is_edge[a:b] for a, b in pairwise(starts)]

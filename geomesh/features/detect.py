@@ -1,0 +1,264 @@
+"""Stages 2 and 3 over the tile plan: from the gray image to keypoints on its edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.domain.outline import Turns, find_turns
+from geomesh.features.canny import (
+    EdgePartial,
+    Thresholds,
+    canny,
+    tile_edges,
+    unite,
+)
+from geomesh.features.gray import Gray, resize
+from geomesh.features.gray_image import ArrayGray, GrayImage
+from geomesh.features.sift import Keypoints, detect_sift, labels_around
+from geomesh.features.thresholds import canny_thresholds
+from geomesh.parallel.tiles import HALO, Progress, Tile, map_tiles, part_of, plan_tiles
+from geomesh.parallel.workers import Crew
+from geomesh.raster.grid import Window
+from geomesh.recipe import Recipe
+
+# Two tiles may place one keypoint on their common border a little differently:
+# both report what lies this close outside their core, and the copies are merged.
+SEAM = 1 / 32
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is known of the valid pixels of the source.
+
+    Attributes
+    ----------
+    turns : tuple of Turns
+        Where the outline of the valid pixels turns.
+    valid_pixels : int
+    """
+
+    turns: tuple[Turns, ...]
+    valid_pixels: int
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What stages 2 and 3 found.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        On edges and on valid pixels; in pixel-edge coordinates of the image that
+        was worked on.
+    size : (int, int)
+        Width and height of that image.
+    survey : Survey
+    thresholds : Thresholds
+        Of Canny, as used.
+    """
+
+    keypoints: Keypoints
+    size: tuple[int, int]
+    survey: Survey
+    thresholds: Thresholds
+
+
+@dataclass(frozen=True)
+class _TileFeatures:
+    """What one tile found.
+
+    Attributes
+    ----------
+    keypoints : Keypoints
+        In the core; near an edge, or near what may become one.
+    certain : bool (N,)
+        Whether a keypoint is near an edge for sure.
+    open_point, open_label : intp (K,)
+        Keypoints near components that leave the tile, and those components.
+    edges : EdgePartial
+    survey : Survey
+    """
+
+    keypoints: Keypoints
+    certain: NDArray[np.bool_]
+    open_point: NDArray[np.intp]
+    open_label: NDArray[np.intp]
+    edges: EdgePartial
+    survey: Survey
+
+    def on_edges(self, is_edge: NDArray[np.bool_]) -> Keypoints:
+        """Return the keypoints near an edge, now that it is known which components are."""
+        kept = self.certain.copy()
+        kept[self.open_point[is_edge[self.open_label]]] = True
+        return self.keypoints.take(kept)
+
+
+def detect(image: GrayImage, recipe: Recipe, crew: Crew, progress: Progress) -> Detection:
+    """Find the keypoints of a gray image that lie on its Canny edges.
+
+    Parameters
+    ----------
+    image : GrayImage
+        At the source's resolution; the recipe says whether to resize it.
+    recipe : Recipe
+    crew : Crew
+    progress : callable(fraction, message)
+    """
+    survey = None
+    if recipe.resize is not None:
+        image, survey = shrink(image, recipe.resize, crew, part_of(progress, 0, 0.6))
+        progress = part_of(progress, 0.6, 1)
+    extent = image.extent
+    core = {} if recipe.is_local else {"core": max(extent.width, extent.height)}
+    tiles = plan_tiles(extent, **core)
+    thresholds = canny_thresholds(image, recipe)
+    parts = list(
+        map_tiles(
+            _DetectFeatures(recipe, thresholds),
+            ((image.excerpt(tile.read), tile) for tile in tiles),
+            len(tiles),
+            crew,
+            progress=progress,
+            message="Detecting edges and keypoints",
+        )
+    )
+    is_edge = unite([part.edges for part in parts])
+    keypoints = [part.on_edges(edge) for part, edge in zip(parts, is_edge, strict=True)]
+    return Detection(
+        keypoints=Keypoints.join(keypoints),
+        size=(extent.width, extent.height),
+        survey=survey or _join([part.survey for part in parts]),
+        thresholds=thresholds,
+    )
+
+
+def shrink(
+    image: GrayImage, size: tuple[int, int], crew: Crew, progress: Progress
+) -> tuple[ArrayGray, Survey]:
+    """Read a whole gray image by tiles and resize it to (width, height).
+
+    Takes two bytes a pixel of the source: resizing by area is not local.
+    """
+    extent = image.extent
+    gray = np.empty(extent.shape, np.uint8)
+    valid = np.empty(extent.shape, np.bool_)
+    tiles = plan_tiles(extent)
+    parts = map_tiles(
+        _read_core,
+        ((image.excerpt(tile.read), tile) for tile in tiles),
+        len(tiles),
+        crew,
+        progress=progress,
+        message="Reading and resizing",
+    )
+    surveys = []
+    for tile, (block, known, survey) in zip(tiles, parts, strict=True):
+        gray[tile.core.slices()], valid[tile.core.slices()] = block, known
+        surveys.append(survey)
+    share = resize(valid.view(np.uint8) * np.uint8(255), size)
+    return ArrayGray.whole(resize(gray, size), share > 127), _join(surveys)
+
+
+def _read_core(task: tuple[GrayImage, Tile]) -> tuple[Gray, NDArray[np.bool_], Survey]:
+    """Return gray levels and validity of a tile's core, and its survey."""
+    image, tile = task
+    gray, valid = image.read(tile.read)
+    inner = tile.core.slices(tile.read)
+    return gray[inner], valid[inner], _survey(valid, tile, image.extent)
+
+
+def _survey(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Survey:
+    inner = valid[tile.core.slices(tile.read)]
+    return Survey((find_turns(valid, tile, extent),), int(np.count_nonzero(inner)))
+
+
+def _join(surveys: Sequence[Survey]) -> Survey:
+    turns = tuple(turns for survey in surveys for turns in survey.turns)
+    return Survey(turns, sum(survey.valid_pixels for survey in surveys))
+
+
+@dataclass(frozen=True)
+class _DetectFeatures:
+    """Finds the features of one tile of an image."""
+
+    recipe: Recipe
+    thresholds: Thresholds
+
+    def __call__(self, task: tuple[GrayImage, Tile]) -> _TileFeatures:
+        image, tile = task
+        recipe, thresholds = self.recipe, self.thresholds
+        gray, valid = image.read(tile.read)
+        distance = recipe.edge_distance or 0.0
+        weak, partial = tile_edges(
+            gray,
+            valid,
+            tile,
+            thresholds,
+            image_width=image.extent.width,
+            seam=int(distance) + 2,
+        )
+        seen = (
+            canny(gray, thresholds, valid) * np.uint8(255)
+            if recipe.sift_source == "edges"
+            else gray
+        )
+        found = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
+        found = found.moved(found.xy + np.array([tile.read.col, tile.read.row]))
+        keypoints = found.take(
+            _in_core(found.xy, tile) & _usable(found.xy, valid, tile, image, recipe)
+        )
+        survey = _survey(valid, tile, image.extent)
+        if recipe.edge_distance is None:
+            nothing = np.empty(0, np.intp)
+            certain = np.ones(len(keypoints), np.bool_)
+            return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey)
+        # Of the labels around keypoints only those are kept that other tiles have a say in:
+        # memory is not to grow with the area of the disc.
+        labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
+        leaves = np.zeros(len(partial.strong), np.bool_)
+        leaves[partial.seam_labels] = True
+        certain = np.any(partial.strong[labels], axis=1)
+        near = certain | np.any(leaves[labels], axis=1)
+        keypoints, labels, certain = keypoints.take(near), labels[near], certain[near]
+        point, column = np.nonzero(leaves[labels] & ~certain[:, None])
+        open_label = labels[point, column].astype(np.intp)
+        return _TileFeatures(keypoints, certain, point, open_label, partial, survey)
+
+
+def _in_core(points: NDArray[np.float64], tile: Tile) -> NDArray[np.bool_]:
+    low = np.array([tile.core.col, tile.core.row]) - SEAM
+    high = np.array([tile.core.stop_col, tile.core.stop_row]) + SEAM
+    inside: NDArray[np.bool_] = np.all((points >= low) & (points < high), axis=1)
+    return inside
+
+
+def _usable(
+    points: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    tile: Tile,
+    image: GrayImage,
+    recipe: Recipe,
+) -> NDArray[np.bool_]:
+    """Whether points lie on valid pixels and, where the outline gets nodes, well inside it."""
+    window, extent = tile.read, image.extent
+    usable: NDArray[np.uint8] = valid.view(np.uint8)
+    if recipe.domain != "hull":
+        known = usable if recipe.domain == "valid" else np.ones_like(usable)
+        # Beyond the image nothing is valid; beyond the halo anything may be.
+        top, bottom = int(window.row == extent.row), int(window.stop_row == extent.stop_row)
+        left, right = int(window.col == extent.col), int(window.stop_col == extent.stop_col)
+        framed = np.pad(known, ((top, bottom), (left, right)))
+        reach = min(int(np.ceil(recipe.min_spacing)), HALO)
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        eroded = cv2.erode(framed, disc, borderType=cv2.BORDER_REPLICATE).astype(np.uint8)
+        height, width = usable.shape
+        usable = usable & eroded[top : top + height, left : left + width]
+    pixel = np.floor(points).astype(np.int64) - (window.col, window.row)
+    pixel = np.clip(pixel, 0, np.array([window.width, window.height]) - 1)
+    found: NDArray[np.bool_] = usable[pixel[:, 1], pixel[:, 0]] > 0
+    return found

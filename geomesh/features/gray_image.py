@@ -1,0 +1,86 @@
+"""The 8-bit image that the detectors look at, read window by window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.features.gray import Gray, Tone, sobel_enhance
+from geomesh.raster.grid import Window
+from geomesh.raster.scene import Scene
+
+
+class GrayImage(Protocol):
+    """An 8-bit image that can be read by windows."""
+
+    @property
+    def extent(self) -> Window:
+        """The window of all pixels."""
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+
+    def excerpt(self, window: Window) -> GrayImage:
+        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+
+
+@dataclass(frozen=True)
+class SceneGray:
+    """The scene's gray image, made window by window."""
+
+    scene: Scene
+    tone: Tone
+    sobel: bool
+
+    @property
+    def extent(self) -> Window:
+        """The window of all pixels."""
+        return self.scene.grid.extent
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+        bands, valid = self.scene.read(window)
+        gray = self.tone.gray(bands, valid)
+        return (sobel_enhance(gray) if self.sobel else gray), valid
+
+    def excerpt(self, window: Window) -> SceneGray:
+        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        return replace(self, scene=self.scene.excerpt(window))
+
+
+@dataclass(frozen=True)
+class ArrayGray:
+    """A part of a gray image in memory.
+
+    Parameters
+    ----------
+    gray : uint8 (h, w)
+    valid : bool (h, w)
+    extent : Window
+        Of the whole image.
+    held : Window
+        What `gray` and `valid` cover.
+    """
+
+    gray: Gray
+    valid: NDArray[np.bool_]
+    extent: Window
+    held: Window
+
+    @classmethod
+    def whole(cls, gray: Gray, valid: NDArray[np.bool_]) -> ArrayGray:
+        """Return the image of which `gray` and `valid` (h, w) are all."""
+        extent = Window(0, 0, gray.shape[1], gray.shape[0])
+        return cls(gray, valid, extent, extent)
+
+    def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
+        """Return gray levels and validity (h, w) of a window."""
+        part = window.slices(self.held)
+        return self.gray[part], self.valid[part]
+
+    def excerpt(self, window: Window) -> ArrayGray:
+        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        return ArrayGray(*self.read(window), self.extent, window)

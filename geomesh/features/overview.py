@@ -1,0 +1,79 @@
+"""A scene at a glance: decimated to about a thousand pixels a side, for what is to be global."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geomesh.errors import EmptyError
+from geomesh.parallel.tiles import Progress, Tile, map_tiles, plan_tiles
+from geomesh.parallel.workers import Crew
+from geomesh.raster.grid import Window
+from geomesh.raster.scene import Pixels, Scene
+
+_SIZE = 1024
+
+# Pixels a side that are decimated in one read: as much as keeps a few workers busy, and
+# few reads where the file has overviews of its own.
+_BLOCK = 2048
+
+
+def read_overview(scene: Scene, crew: Crew, progress: Progress) -> Pixels:
+    """Return bands (B, h, w) and validity (h, w) of every n-th pixel of a scene.
+
+    n is the least step for which neither side exceeds 1024 pixels. Where the steps meet
+    no valid pixel, the first tile that holds one is taken instead.
+
+    Raises
+    ------
+    EmptyError
+        If no pixel of the scene is valid.
+    """
+    extent = scene.grid.extent
+    step = -(-max(extent.width, extent.height) // _SIZE)
+    # Whole steps only, so that every block is decimated to the same lattice.
+    shown = Window(0, 0, _whole(extent.width, step), _whole(extent.height, step))
+    tiles = plan_tiles(shown, core=step * max(_BLOCK // step, 1), halo=0)
+    shape = _steps(shown.height, step), _steps(shown.width, step)
+    bands = np.empty((len(scene.bands), *shape), scene.dtype)
+    valid = np.empty(shape, np.bool_)
+    tasks = [(scene.excerpt(tile.core), tile) for tile in tiles]
+    parts = map_tiles(
+        _Decimate(step), tasks, len(tasks), crew, progress=progress, message="Looking at the scene"
+    )
+    for tile, (block, known) in zip(tiles, parts, strict=True):
+        row, col = tile.core.row // step, tile.core.col // step
+        part = slice(row, row + known.shape[0]), slice(col, col + known.shape[1])
+        bands[:, *part], valid[part] = block, known
+    if valid.any():
+        return bands, valid
+    for tile in plan_tiles(extent) if step > 1 else []:
+        bands, valid = scene.read(tile.core)
+        if valid.any():
+            return bands, valid
+    raise EmptyError(
+        f"{scene.name} has no valid pixel here: all are nodata, masked, not finite or outside "
+        "--mask; choose other bands or another area, or override the nodata value with --nodata"
+    )
+
+
+@dataclass(frozen=True)
+class _Decimate:
+    """Reads one pixel of every `step` x `step`."""
+
+    step: int
+
+    def __call__(self, task: tuple[Scene, Tile]) -> Pixels:
+        scene, tile = task
+        shape = _steps(tile.core.height, self.step), _steps(tile.core.width, self.step)
+        return scene.read(tile.core, shape if self.step > 1 else None)
+
+
+def _whole(size: int, step: int) -> int:
+    """Return the pixels that whole steps cover; a side shorter than one step counts as one."""
+    return size // step * step or size
+
+
+def _steps(size: int, step: int) -> int:
+    return max(size // step, 1)

@@ -1,0 +1,227 @@
+"""Stage 3: SIFT keypoints, and the choice of those that become nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.arrays.jit import kernel
+from geomesh.arrays.table import read_only
+from geomesh.features.gray import Gray
+from geomesh.raster.grid import Window
+from geomesh.recipe import Recipe
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """SIFT keypoints as columns.
+
+    Attributes
+    ----------
+    xy : float64 (N, 2)
+        Pixel-edge coordinates.
+    scale : float32 (N,)
+        Diameter of the neighbourhood that the keypoint describes, in pixels.
+    angle : float32 (N,)
+        Orientation in degrees, clockwise from the x axis as seen in the image.
+    response : float32 (N,)
+        Contrast of the extremum; the larger, the stronger.
+    octave : int8 (N,)
+        -1 is the doubled image, 0 the native one.
+    """
+
+    xy: NDArray[np.float64]
+    scale: NDArray[np.float32]
+    angle: NDArray[np.float32]
+    response: NDArray[np.float32]
+    octave: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        for name, values in self.__dict__.items():
+            object.__setattr__(self, name, read_only(values))
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def take(self, index: NDArray[Any]) -> Keypoints:
+        """Return the keypoints at `index`, in that order."""
+        return Keypoints(*(column[index] for column in self.__dict__.values()))
+
+    def moved(self, xy: NDArray[np.float64]) -> Keypoints:
+        """Return the keypoints at other coordinates."""
+        return Keypoints(xy, self.scale, self.angle, self.response, self.octave)
+
+    @classmethod
+    def join(cls, parts: Iterable[Keypoints]) -> Keypoints:
+        """Return all keypoints of `parts`, in order."""
+        columns = [list(part.__dict__.values()) for part in parts] or [_NO_COLUMNS]
+        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+_NO_COLUMNS = [np.zeros((0, 2)), *(np.zeros(0, np.float32) for _ in range(3)), np.zeros(0, np.int8)]
+
+
+def detect_sift(image: Gray, recipe: Recipe) -> Keypoints:
+    """Return the SIFT keypoints of an 8-bit image (H, W), one for each place.
+
+    OpenCV emits a keypoint for every orientation: of those at one place the
+    strongest stays (then the larger scale, then the smaller angle). They come in
+    order of y, then x.
+    """
+    sift = cv2.SIFT_create(  # type: ignore[attr-defined]
+        nOctaveLayers=recipe.sift_octave_layers,
+        contrastThreshold=recipe.sift_contrast_threshold,
+        edgeThreshold=recipe.sift_edge_threshold,
+        sigma=recipe.sift_sigma,
+        # Without it every keypoint is off by a quarter of a pixel.
+        enable_precise_upscale=True,
+    )
+    # OpenCV doubles whatever it gets: half the image is then looked at as it is.
+    pixel = 1 if recipe.sift_upsample else 2
+    found = sift.detect(np.ascontiguousarray(image if pixel == 1 else _halve(image)), None)
+    # Attribute by attribute: a row for each keypoint would hold up the other threads.
+    points = np.asarray(cv2.KeyPoint.convert(found), np.float64).reshape(-1, 2)
+    size, angle, response = (
+        np.fromiter(map(attrgetter(name), found), np.float32, len(found))
+        for name in ("size", "angle", "response")
+    )
+    packed = np.fromiter(map(attrgetter("octave"), found), np.int64, len(found))
+    # OpenCV packs octave, layer and offset into one int; the octave is its signed low byte.
+    octave = (packed & 0xFF).astype(np.uint8).view(np.int8)
+    octave += np.int8(pixel - 1)
+    if recipe.sift_max_octave is None:
+        kept = np.arange(len(found))
+    else:
+        kept = np.flatnonzero(octave <= recipe.sift_max_octave)
+    x, y = points[kept].T
+    kept = kept[np.lexsort((angle[kept], -size[kept], -response[kept], x, y))]
+    kept = kept[np.diff(points[kept], axis=0, prepend=np.nan).any(axis=1)]
+    # OpenCV's origin is the centre of the first pixel, ours its corner.
+    xy = (points[kept] + 0.5) * pixel
+    scale = size[kept] * np.float32(pixel)
+    return Keypoints(xy, scale, angle[kept], response[kept], octave[kept])
+
+
+def _halve(image: Gray) -> Gray:
+    """Return the means of 2 x 2 pixels; an odd row or column is doubled first."""
+    height, width = image.shape
+    even = np.pad(image, ((0, height % 2), (0, width % 2)), mode="edge")
+    size = (even.shape[1] // 2, even.shape[0] // 2)
+    return cv2.resize(even, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+
+
+def labels_around(
+    points: NDArray[np.float64], labels: NDArray[np.int32], window: Window, distance: float
+) -> NDArray[np.int32]:
+    """Return the edge labels within `distance` pixels of the pixel that each point lies in.
+
+    Parameters
+    ----------
+    points : float64 (N, 2)
+        Pixel-edge coordinates of the image.
+    labels : int32 (h, w)
+        Edge components over `window`; 0 is none.
+    distance : float
+        Between pixel centres.
+
+    Returns
+    -------
+    int32 (N, K)
+        One column for each pixel of the disc; 0 where there is no edge.
+    """
+    reach = int(distance)
+    dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = dx**2 + dy**2 <= distance**2
+    pixel = np.floor(points).astype(np.int64)
+    cols = pixel[:, :1] - window.col + dx[disc]
+    rows = pixel[:, 1:] - window.row + dy[disc]
+    inside = (cols >= 0) & (cols < window.width) & (rows >= 0) & (rows < window.height)
+    height, width = labels.shape
+    found = labels[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
+    return np.where(inside, found, 0).astype(np.int32)
+
+
+def by_strength(keypoints: Keypoints) -> Keypoints:
+    """Return the keypoints strongest first; ties break by scale, then by y, then by x.
+
+    The order does not depend on how the keypoints came: it decides every choice.
+    """
+    x, y = keypoints.xy.T
+    order = np.lexsort((keypoints.angle, x, y, -keypoints.scale, -keypoints.response))
+    return keypoints.take(order)
+
+
+def thin(keypoints: Keypoints, spacing: float) -> Keypoints:
+    """Return the keypoints, strongest first, less those closer than `spacing` to a stronger one."""
+    ranked = by_strength(keypoints)
+    if spacing <= 0 or len(ranked) == 0:
+        return ranked
+    return ranked.take(_thin(ranked.xy, spacing))
+
+
+@kernel
+def _thin(xy: NDArray[np.float64], spacing: float) -> NDArray[np.bool_]:
+    """Greedy choice in the order given; a hashed lattice of cells finds the neighbours."""
+    count = len(xy)
+    x0, y0 = xy[:, 0].min(), xy[:, 1].min()
+    columns = np.int64((xy[:, 0].max() - x0) / spacing) + 3
+    size = 1
+    while size < 2 * count:
+        size *= 2
+    head = np.full(size, -1, np.int64)
+    link = np.full(count, -1, np.int64)
+    keep = np.zeros(count, np.bool_)
+    for i in range(count):
+        col = np.int64((xy[i, 0] - x0) / spacing) + 1
+        row = np.int64((xy[i, 1] - y0) / spacing) + 1
+        free = True
+        for r in range(row - 1, row + 2):
+            for c in range(col - 1, col + 2):
+                j = head[((r * columns + c) * 0x9E3779B1) & (size - 1)]
+                while j >= 0 and free:
+                    dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+                    free = dx * dx + dy * dy >= spacing * spacing
+                    j = link[j]
+        if free:
+            keep[i] = True
+            slot = ((row * columns + col) * 0x9E3779B1) & (size - 1)
+            link[i] = head[slot]
+            head[slot] = i
+    return keep
+
+
+def spread_evenly(ranked: Keypoints, budget: int, area: float) -> NDArray[np.intp]:
+    """Return the order in which to take keypoints so that any first part is spread evenly.
+
+    The image is cut into a fixed lattice of square cells, about four nodes of the
+    budget each: first the strongest of every cell, then the second of every cell,
+    and so on; within a round the stronger come first.
+
+    Parameters
+    ----------
+    ranked : Keypoints
+        Strongest first.
+    budget : int
+        Number of nodes wanted.
+    area : float
+        Square pixels that they are to be spread over.
+
+    Returns
+    -------
+    intp (N,)
+    """
+    side = max(np.sqrt(4 * area / budget), 1.0)
+    cell = np.floor(ranked.xy / side).astype(np.int64)
+    key = (cell[:, 1] << 32) + cell[:, 0]
+    grouped = np.argsort(key, kind="stable")  # strength stays the order within a cell
+    starts = np.flatnonzero(np.diff(key[grouped], prepend=key[grouped[:1]] - 1))
+    sizes = np.diff(np.append(starts, len(key)))
+    turn = np.empty(len(key), np.int64)
+    turn[grouped] = np.arange(len(key)) - np.repeat(starts, sizes)
+    return np.argsort(turn, kind="stable")

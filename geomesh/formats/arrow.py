@@ -1,0 +1,172 @@
+"""The layers of a mesh as Arrow record batches, without an object per row.
+
+All geometries of a layer have the same number of vertices, so their WKB (OGC
+06-103r4, section 8.2) has a fixed size and is filled as one structured array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from geomesh.arrays.table import Table
+from geomesh.mesh.triangle_mesh import LayerName, Mesh
+from geomesh.raster.grid import Points
+
+GeometryType = Literal["Point", "LineString", "Polygon"]
+
+_LITTLE_ENDIAN = 1
+_NO_ASCII = 128
+_WKB_CODES: dict[GeometryType, int] = {"Point": 1, "LineString": 2, "Polygon": 3}
+_WKB_COUNTS: dict[GeometryType, tuple[str, ...]] = {
+    "Point": (),
+    "LineString": ("vertices",),
+    "Polygon": ("rings", "vertices"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A layer of a mesh, ready to be cut into batches.
+
+    Parameters
+    ----------
+    name : {"triangles", "edges", "nodes"}
+    columns : Table
+        Attributes, one row a geometry.
+    points : float64 (N, 2)
+        Node coordinates on the map.
+    vertices : int32 (R, V)
+        Node ids of every geometry; rings are closed.
+    geometry_type : {"Polygon", "LineString", "Point"}
+    """
+
+    name: LayerName
+    columns: Table
+    points: Points
+    vertices: NDArray[np.int32]
+    geometry_type: GeometryType
+
+    @classmethod
+    def of(cls, mesh: Mesh, name: LayerName) -> Layer:
+        """Return the layer `name` of a mesh."""
+        columns, points = mesh.attributes(name), mesh.map_nodes
+        if name == "triangles":
+            return cls(name, columns, points, mesh.triangles[:, [0, 1, 2, 0]], "Polygon")
+        if name == "edges":
+            return cls(name, columns, points, mesh.edges.nodes, "LineString")
+        each = np.arange(len(points), dtype=np.int32)[:, None]
+        return cls(name, columns, points, each, "Point")
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(west, south, east, north) of the layer on the map."""
+        (west, south), (east, north) = self.points.min(axis=0), self.points.max(axis=0)
+        return float(west), float(south), float(east), float(north)
+
+    def schema(self, geometry: str, *, bbox: str | None = None) -> pa.Schema:
+        """Return the schema of the batches; see `batch` for the parameters."""
+        return self.batch(slice(0, 0), geometry, bbox=bbox).schema
+
+    def batch(self, rows: slice, geometry: str, *, bbox: str | None = None) -> pa.RecordBatch:
+        """Return the given rows.
+
+        Parameters
+        ----------
+        rows : slice
+        geometry : str
+            Name of the column of WKB.
+        bbox : str, optional
+            Name of a struct column to add, of xmin, ymin, xmax and ymax.
+        """
+        arrays = {name: _attribute(values[rows]) for name, values in self.columns.items()}
+        arrays[geometry] = self.geometry(rows)
+        if bbox is not None:
+            xy = self.points[self.vertices[rows]]
+            extremes = np.concatenate([xy.min(axis=1), xy.max(axis=1)], axis=1)
+            names = ["xmin", "ymin", "xmax", "ymax"]
+            sides = [pa.array(np.ascontiguousarray(side)) for side in extremes.T]
+            arrays[bbox] = pa.StructArray.from_arrays(sides, names=names)
+        return pa.RecordBatch.from_pydict(arrays)
+
+    def geometry(self, rows: slice) -> pa.Array:
+        """Return the WKB of the given rows."""
+        return binary(wkb(self.points[self.vertices[rows]], self.geometry_type))
+
+
+def _attribute(values: NDArray[Any]) -> pa.Array:
+    """Return a column; NaN becomes null, which every format knows.
+
+    Numbers and plain text by their buffers: the first call of `pyarrow.array` imports pandas,
+    which takes half a second and is not needed.
+    """
+    if values.dtype.kind == "U":
+        return _text(values)
+    if values.dtype.kind not in "biuf":
+        return pa.array(values)
+    known = None
+    if values.dtype.kind == "f" and (missing := np.isnan(values)).any():
+        known = _bits(~missing)
+    data = _bits(values) if values.dtype.kind == "b" else pa.py_buffer(np.ascontiguousarray(values))
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [known, data])
+
+
+def _bits(values: NDArray[np.bool_]) -> pa.Buffer:
+    return pa.py_buffer(np.packbits(values, bitorder="little"))
+
+
+def _text(values: NDArray[np.str_]) -> pa.Array:
+    letters = np.ascontiguousarray(values).view(np.uint32)
+    letters = letters.reshape(len(values), values.dtype.itemsize // letters.itemsize)
+    if letters.max(initial=0) >= _NO_ASCII:
+        return pa.array(values)
+    used = letters != 0
+    offsets = np.zeros(len(values) + 1, np.int32)
+    np.cumsum(np.count_nonzero(used, axis=1), out=offsets[1:])
+    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(letters.astype(np.uint8)[used])]
+    return pa.Array.from_buffers(pa.string(), len(values), buffers)
+
+
+def wkb(xy: NDArray[np.float64], geometry_type: GeometryType) -> NDArray[Any]:
+    """Return the well-known binary of coordinates (R, V, 2): a structured array (R,)."""
+    counts = _WKB_COUNTS[geometry_type]
+    fields = [("order", "u1"), ("type", "<u4"), *((name, "<u4") for name in counts)]
+    records = np.empty(len(xy), np.dtype([*fields, ("xy", "<f8", xy.shape[1:])]))
+    records["order"] = _LITTLE_ENDIAN
+    records["type"] = _WKB_CODES[geometry_type]
+    for name in counts:
+        records[name] = 1 if name == "rings" else xy.shape[1]
+    records["xy"] = xy
+    return records
+
+
+def binary(records: NDArray[Any], others: Mapping[int, bytes] | None = None) -> pa.Array:
+    """Return an Arrow binary array of the records' bytes.
+
+    Parameters
+    ----------
+    records : structured array (R,)
+    others : mapping of int to bytes, optional
+        What to put in place of these rows, which need not have the same size.
+    """
+    sizes = np.full(len(records), records.dtype.itemsize, np.int32)
+    # pyarrow takes no buffer of a structured dtype.
+    data = records.view(np.uint8)
+    if others:
+        sizes[list(others)] = [len(other) for other in others.values()]
+        kept = np.split(records, sorted(others))
+        pieces = [kept[0].view(np.uint8)]
+        for row, run in zip(sorted(others), kept[1:], strict=True):
+            pieces += [np.frombuffer(others[row], np.uint8), run[1:].view(np.uint8)]
+        data = np.concatenate(pieces)
+    offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
+    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(data)]
+    return pa.Array.from_buffers(pa.binary(), len(records), buffers)

@@ -1,0 +1,126 @@
+"""The last hand at a GeoPackage: layers joined that were written apart, their order, the document.
+
+SQLite has one writer a file. So layers that are written at the same time get a file each, and
+are copied into one at the end: GDAL fills a layer of its own file fastest, and SQLite copies
+finished tables page by page in a tenth of that time.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+from geomesh.mesh.triangle_mesh import LayerName
+
+# Stands in a layer's metadata until the document is known.
+PENDING = "@document of the mesh@"
+
+_INDEX = "rtree_{}_geom"
+# The tables in which SQLite keeps an R-tree.
+_INDEX_TABLES = ("node", "rowid", "parent")
+# Where a GeoPackage lists its layers; the column that names the layer.
+_REGISTERS = {
+    "gpkg_contents": "table_name",
+    "gpkg_geometry_columns": "table_name",
+    "gpkg_extensions": "table_name",
+    "gpkg_ogr_contents": "table_name",
+}
+
+# By which of these programs list the layers.
+_ORDER = ("gpkg_contents", "gpkg_geometry_columns")
+
+
+def can_join() -> bool:
+    """Tell whether Python's own SQLite knows R-trees, without which files cannot be joined."""
+    with closing(sqlite3.connect(":memory:")) as database:
+        try:
+            database.execute("CREATE VIRTUAL TABLE tried USING rtree(id, low, high)")
+        except sqlite3.OperationalError:
+            return False
+    return True
+
+
+def complete(
+    path: Path, layers: Sequence[LayerName], others: Mapping[LayerName, Path], document: str
+) -> None:
+    """Copy a layer of each of the other files into the GeoPackage at `path`, and finish that.
+
+    Parameters
+    ----------
+    path : Path
+        A GeoPackage written by GDAL, with layers in the same CRS.
+    layers : sequence of str
+        All of them, in the order in which programs are to list them.
+    others : mapping of str to Path
+        Those that are in a file of their own.
+    document : str
+        What is to stand in the metadata of the layers in place of `PENDING`.
+
+    Raises
+    ------
+    sqlite3.Error
+        If the disk is full.
+    """
+    # The file is in nobody's hands yet: no journal, and it is flushed as a whole later.
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = OFF")
+        database.execute("PRAGMA synchronous = OFF")
+        for layer, file in others.items():
+            database.execute("ATTACH ? AS other", (str(file),))
+            database.execute("BEGIN")
+            _copy_layer(database, layer)
+            database.execute("COMMIT")
+            database.execute("DETACH other")
+            file.unlink()
+        for register in _ORDER:
+            for layer in layers:
+                last = f"(SELECT max(rowid) FROM {register})"
+                database.execute(
+                    f"UPDATE {register} SET rowid = {last} + 1 WHERE table_name = ?", (layer,)
+                )
+        database.execute(
+            "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)",
+            (PENDING, escape(document)),  # it lies in an XML element
+        )
+
+
+def _copy_layer(database: sqlite3.Connection, layer: str) -> None:
+    def sql_of(condition: str, *values: str) -> list[str]:
+        query = f"SELECT sql FROM other.sqlite_master WHERE {condition}"
+        return [sql for (sql,) in database.execute(query, values)]
+
+    index = _INDEX.format(layer)
+    for sql in sql_of("name IN (?, ?)", layer, index):
+        database.execute(sql)
+    tables = [layer, *(f"{index}_{part}" for part in _INDEX_TABLES)]
+    for table in tables:
+        database.execute(f'DELETE FROM main."{table}"')  # an index is born with an empty node
+        copied = database.execute(f'INSERT INTO main."{table}" SELECT * FROM other."{table}"')
+        (rows,) = database.execute(f'SELECT count(*) FROM other."{table}"').fetchone()
+        if copied.rowcount != rows:
+            raise sqlite3.DatabaseError(f"{copied.rowcount} of {rows} rows of {table} copied")
+    # Registers come before triggers, some of which count the rows.
+    for register, column in _REGISTERS.items():
+        database.execute(
+            f"INSERT INTO main.{register} SELECT * FROM other.{register} WHERE {column} = ?",
+            (layer,),
+        )
+    for sql in sql_of("type = 'trigger' AND tbl_name = ?", layer):
+        database.execute(sql)
+    _copy_metadata(database, layer)
+
+
+def _copy_metadata(database: sqlite3.Connection, layer: str) -> None:
+    columns = "md_scope, md_standard_uri, mime_type, metadata"
+    made = database.execute(
+        f"INSERT INTO main.gpkg_metadata ({columns}) SELECT {columns} FROM other.gpkg_metadata"
+    )
+    database.execute(
+        "INSERT INTO main.gpkg_metadata_reference SELECT reference_scope, table_name, "
+        "column_name, row_id_value, timestamp, ?, md_parent_id "
+        "FROM other.gpkg_metadata_reference WHERE table_name = ?",
+        (made.lastrowid, layer),
+    )

@@ -1,0 +1,134 @@
+"""The mesh as a mesh: UGRID 1.0 (https://ugrid-conventions.github.io) in NetCDF, by scipy.
+
+QGIS opens it as a mesh layer through MDAL, which takes data on faces and the CRS
+from it; ParaView and xugrid read it too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS
+from scipy.io import netcdf_file
+
+from geomesh._version import __version__
+from geomesh.formats.arrow import Layer
+from geomesh.formats.document import KEY
+from geomesh.formats.feed import Feed
+from geomesh.formats.format import LayerFile
+
+FACES = "mesh_face_nodes"
+
+# The name that MDAL looks for.
+_CRS = "projected_coordinate_system"
+
+# Attributes that the topology says already.
+_TOPOLOGY = ("id", "n0", "n1", "n2")
+
+_COLOR = "color"
+
+_UNITS = {
+    **dict.fromkeys(("ab", "bc", "ca", "ki", "count"), "pixel"),
+    **dict.fromkeys(("min_angle", "max_angle"), "degree"),
+}
+
+# So few that a renderer can list the colours of a mesh.
+_MOST_COLORS = 4096
+
+
+def write_ugrid(layer: Layer, file: LayerFile, feed: Feed) -> None:
+    """Write the triangles of a mesh and their attributes.
+
+    Parameters
+    ----------
+    layer : Layer
+        The triangles. Attributes become data on faces as float64, `color` as
+        65536 red + 256 green + blue, rounded to fewer levels of each until there are
+        at most 4096 colours. Other texts are left out: NetCDF has no place for them.
+    file : LayerFile
+        Its document is stored as a global attribute.
+    feed : Feed
+        Is told of the rows.
+    """
+    crs = file.mesh.grid.crs
+    corners = layer.vertices[:, :3]
+    # 64-bit offsets: the file may be larger than 2 GB.
+    with netcdf_file(file.path, "w", version=2) as dataset:
+        dataset.Conventions = "CF-1.8 UGRID-1.0"
+        dataset.source = f"geomesh {__version__}"
+        setattr(dataset, KEY, file.document.encode())
+        dataset.createDimension("mesh_node", len(layer.points))
+        dataset.createDimension("mesh_face", len(corners))
+        dataset.createDimension("three", 3)
+        topology = {
+            "cf_role": "mesh_topology",
+            "topology_dimension": np.int32(2),
+            "node_coordinates": "mesh_node_x mesh_node_y",
+            "face_node_connectivity": FACES,
+            "face_dimension": "mesh_face",
+        }
+        _add(dataset, "mesh", (), np.array(0, np.int32), topology | _placed(crs))
+        if crs is not None:
+            _add(dataset, _CRS, (), np.array(0, np.int32), _crs_attributes(crs))
+        for axis, values in zip("xy", layer.points.T, strict=True):
+            _add(dataset, f"mesh_node_{axis}", ("mesh_node",), values, _axis(axis, crs))
+        numbering = {"cf_role": "face_node_connectivity", "start_index": np.int32(0)}
+        _add(dataset, FACES, ("mesh_face", "three"), corners, numbering)
+        units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
+        on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
+        for name, values in layer.columns.items():
+            if name in _TOPOLOGY or (values.dtype.kind == "U" and name != _COLOR):
+                continue
+            data = _packed(values) if name == _COLOR else values.astype(np.float64)
+            unit = {"units": units[name]} if name in units else {}
+            _add(dataset, name, ("mesh_face",), data, on_faces | unit)
+    feed.rows += len(layer)
+
+
+def _add(
+    dataset: Any,
+    name: str,
+    dimensions: tuple[str, ...],
+    values: NDArray[Any],
+    attributes: Mapping[str, Any],
+) -> None:
+    variable = dataset.createVariable(name, values.dtype, dimensions)
+    variable.data[...] = values
+    for attribute, value in attributes.items():
+        setattr(variable, attribute, value)
+
+
+def _packed(colors: NDArray[np.str_]) -> NDArray[np.float64]:
+    """Return colours '#rrggbb' as numbers."""
+    codes = np.array([int(color[1:], 16) for color in colors.tolist()], np.int64)
+    channels = codes[:, None] >> np.array([16, 8, 0]) & 255
+    packed = codes.astype(np.float64)
+    for levels in (128, 64, 32, 16):
+        if len(np.unique(packed)) <= _MOST_COLORS:
+            break
+        step = 255 / (levels - 1)
+        packed = np.rint(np.rint(channels / step) * step) @ np.array([65536.0, 256.0, 1.0])
+    return packed
+
+
+def _placed(crs: CRS | None) -> dict[str, str]:
+    return {} if crs is None else {"grid_mapping": _CRS}
+
+
+def _crs_attributes(crs: CRS) -> dict[str, Any]:
+    """Return the CRS by its EPSG code, as MDAL reads it, or else as WKT."""
+    attributes: dict[str, Any] = {"crs_wkt": crs.to_wkt().encode()}
+    code = crs.to_epsg(min_confidence=100)
+    if code is None:
+        return attributes | {"wkt": crs.to_wkt("WKT1_GDAL").encode()}
+    return attributes | {"epsg": np.int32(code), "EPSG_code": f"EPSG:{code}"}
+
+
+def _axis(axis: str, crs: CRS | None) -> dict[str, str]:
+    if crs is not None and crs.is_geographic:
+        name, unit = ("longitude", "east") if axis == "x" else ("latitude", "north")
+        return {"standard_name": name, "units": f"degrees_{unit}"}
+    return {"standard_name": f"projection_{axis}_coordinate"}

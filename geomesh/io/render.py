@@ -1,0 +1,207 @@
+"""A mesh painted on the pixels of its raster: a GeoTIFF, there whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import rasterio.windows
+from numpy.typing import NDArray
+from rasterio.errors import RasterioError
+
+from geomesh.errors import OutputError, SourceError, one_line
+from geomesh.io.atomic import staged
+from geomesh.io.geotiff import (
+    Style,
+    check_geotiff,
+    choose_options,
+    create_like,
+    find_style,
+    is_exact,
+)
+from geomesh.mesh.provenance import open_original
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.parallel.progress import reporting
+from geomesh.parallel.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
+from geomesh.parallel.workers import Crew, open_crew
+from geomesh.raster.grid import Window
+from geomesh.raster.open import Source, open_scene
+from geomesh.raster.scene import Scene
+from geomesh.surface.fidelity import Fidelity, summarise
+from geomesh.surface.fit import Surface, Task, fit_surface, walk
+from geomesh.surface.paint import Errors, Fit, Model, find_errors, to_pixels
+
+Sums = tuple[int, int]
+Painted = tuple[Window, NDArray[Any], NDArray[np.bool_]]
+
+
+def render_file(
+    mesh: Mesh,
+    source: Source,
+    path: str | PathLike[str],
+    *,
+    model: Model = "linear",
+    fit: Fit = "least_squares",
+    bidx: Sequence[int] | None = None,
+    crs: Any = None,
+    creation: Mapping[str, str] | None = None,
+    overwrite: bool = False,
+    workers: int | None = None,
+    progress: bool | Progress = False,
+) -> Fidelity:
+    """Paint a mesh as a GeoTIFF on the pixels of its raster; return how faithful that is.
+
+    The file has the mesh's part of the raster's grid, the raster's type, the bands, and what
+    the raster says of them. Integers are rounded, and cut off at what the type can hold.
+    Where no triangle owns the pixel there is the raster's nodata value; if it has none, the
+    file has a mask.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    source, model, fit, bidx, crs, workers, progress
+        As in `geomesh.surface.fidelity.judge`.
+    path : path-like
+        Ends in .tif or .tiff.
+    creation : mapping of str to str, optional
+        Creation options of GDAL's GTiff driver, such as ``{"COMPRESS": "ZSTD"}``; compressed
+        tiles of 256 x 256 pixels by default.
+    overwrite : bool
+        Replace an existing file, at the very end.
+
+    Returns
+    -------
+    Fidelity
+        Of the file as it is read back.
+
+    Raises
+    ------
+    GeomeshError
+        With one line that says what is wrong and what to do; an old file stays as it was.
+    """
+    target, options = Path(path), choose_options(creation or {})
+    check_geotiff(target, overwrite=overwrite)
+    scene = open_original(mesh, source, bidx=bidx, crs=crs)
+    with (
+        reporting(progress) as report,
+        open_crew(workers) as crew,
+        scene.open(),
+        staged(target, ".tif", overwrite=overwrite) as temporary,
+    ):
+        surface = fit_surface(
+            mesh.nodes,
+            mesh.triangles,
+            scene,
+            model=model,
+            fit=fit,
+            crew=crew,
+            progress=part_of(report, 0, 0.6),
+        )
+        with _failures_told(target):
+            sums = _write(temporary, options, surface, scene, crew, part_of(report, 0.6, 0.9))
+        try:
+            shown = open_scene(temporary, name=str(target))
+        except SourceError as error:
+            raise _spoilt(target) from error
+        return _read_back(shown, sums, is_exact(options), scene, crew, part_of(report, 0.9, 1))
+
+
+@dataclass(frozen=True)
+class _Painter:
+    """Paints a tile: its window, its pixels and which of them the mesh covers."""
+
+    style: Style
+
+    def __call__(self, task: Task) -> Painted:
+        _, tile, surface = task
+        image = surface.image(tile.core)
+        pixels = to_pixels(image, self.style.dtype, self.style.nodata)
+        return tile.core, pixels, ~np.isnan(image[0])
+
+
+def _write(
+    path: Path,
+    options: Mapping[str, Any],
+    surface: Surface,
+    scene: Scene,
+    crew: Crew,
+    progress: Progress,
+) -> list[Sums]:
+    """Write the picture; return the checksums of its tiles."""
+    style = find_style(scene)
+    sums = []
+    with create_like(path, scene, style, options) as dataset:
+        painted = walk(_Painter(style), surface, scene, crew, progress, "Painting")
+        for _, (core, pixels, known) in painted:
+            window = rasterio.windows.Window(core.col, core.row, core.width, core.height)
+            dataset.write(pixels, window=window)
+            if style.nodata is None:
+                dataset.write_mask(known, window=window)
+            sums.append(_checksums(pixels, known))
+    return sums
+
+
+def _checksums(pixels: NDArray[Any], known: NDArray[np.bool_]) -> Sums:
+    """Return the checksums of a tile: of its pixels, and of which of them the mesh covers."""
+    return crc32(pixels.data), crc32(known.data)
+
+
+@contextmanager
+def _failures_told(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except RasterioError as error:
+        raise OutputError(
+            f"{target} could not be written: {one_line(error)}; free some space, or choose another "
+            "folder"
+        ) from error
+
+
+def _read_back(
+    shown: Scene,
+    sums: Sequence[Sums],
+    exact: bool,
+    scene: Scene,
+    crew: Crew,
+    progress: Progress,
+) -> Fidelity:
+    """Compare the file with the raster, once it is known to be whole.
+
+    On a full disk GDAL may lose what it writes when it closes the file, and not tell.
+    """
+    tiles = plan_tiles(scene.grid.extent, halo=0)
+    tasks = (
+        (shown, expected, exact, scene.excerpt(tile.core), tile)
+        for expected, tile in zip(sums, tiles, strict=True)
+    )
+    with shown.open():
+        errors = map_tiles(
+            _compare_tile, tasks, len(tiles), crew, progress=progress, message="Comparing"
+        )
+        return summarise(scene, errors)
+
+
+def _compare_tile(task: tuple[Scene, Sums, bool, Scene, Tile]) -> Errors:
+    shown, expected, exact, scene, tile = task
+    try:
+        pixels, known = shown.read(tile.core)
+    except SourceError as error:
+        raise _spoilt(shown.name) from error
+    found = _checksums(pixels, known)
+    if found != expected and (exact or found[1] != expected[1]):
+        raise _spoilt(shown.name)
+    bands, valid = scene.read(tile.core)
+    return find_errors(pixels, bands, valid & known)
+
+
+def _spoilt(target: str | Path) -> OutputError:
+    return OutputError(
+        f"{target} does not read back as it was written: free some space, or choose another "
+        "folder or other creation options"
+    )

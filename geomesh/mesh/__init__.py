@@ -1,0 +1,1 @@
+"""The triangle mesh: topology, measures, certificate and attributes."""

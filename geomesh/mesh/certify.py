@@ -1,0 +1,289 @@
+"""The checks behind a certificate.
+
+Each is independent of how the mesh was made: it looks at the finished arrays and at
+a few numbers known beforehand about the area to be covered.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.arrays.jit import kernel
+from geomesh.arrays.table import blocks
+from geomesh.mesh.certificate import Certificate, Check, DomainFacts
+from geomesh.mesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
+from geomesh.raster.grid import signed_areas
+
+# Bounds on the rounding error of the two predicates in float64, relative to the
+# sum of the absolute values of their terms (Shewchuk 1997, error bounds A).
+_EPSILON = 2.0**-53
+_INCIRCLE_ERROR = (10 + 96 * _EPSILON) * _EPSILON
+_AREA_TOLERANCE = 1e-9
+_ANGLE_TOLERANCE = 1e-6
+
+
+def certify(
+    nodes: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    *,
+    constraints: NDArray[np.int32],
+    plane_scale: tuple[float, float],
+    counter_clockwise: bool,
+    domain: DomainFacts,
+    covered_pixels: int | None = None,
+    counted_pixels: int | None = None,
+) -> Certificate:
+    """Check a triangulation of pixel-edge coordinates.
+
+    Parameters
+    ----------
+    nodes : float64 (N, 2)
+        Pixel-edge coordinates.
+    triangles : int32 (T, 3)
+    constraints : int32 (C, 2)
+        Node pairs that had to become edges.
+    plane_scale : (float, float)
+        Factors in x and y from pixels to the plane that was triangulated.
+    counter_clockwise : bool
+        Orientation expected in (x, y) pixel numbers.
+    domain : DomainFacts
+    covered_pixels, counted_pixels : int, optional
+        Pixel centres, and valid ones, inside the triangles, as found by the statistics.
+    """
+    missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
+    if missing:
+        return Certificate(
+            (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
+        )
+    edges, plane = build_edges(triangles), nodes * plane_scale
+    used = np.zeros(len(nodes), np.bool_)
+    used[triangles] = True
+    areas = signed_areas(nodes, triangles) * (1 if counter_clockwise else -1)
+    angle_sums, least = _angles(plane, triangles)
+    fixed = find_edges(edges, constraints)
+    checks = [
+        _check_nodes(nodes, used, len(triangles)),
+        _check_orientation(areas),
+        _check_manifold(edges),
+        _check_area(float(areas.sum()), domain.area),
+        _check_boundary(edges, constraints, fixed, domain),
+        _check_euler(used, len(triangles), edges, domain),
+        _check_angles(angle_sums, edges, domain),
+        _check_delaunay(plane, triangles, edges, fixed),
+        _check_pixels(covered_pixels, counted_pixels, domain),
+    ]
+    return Certificate(tuple(checks), float(np.degrees(least)))
+
+
+def _check_nodes(nodes: NDArray[np.float64], used: NDArray[np.bool_], triangle_count: int) -> Check:
+    unused = len(nodes) - int(np.count_nonzero(used))
+    duplicates = _count_duplicates(nodes)
+    finite = bool(np.isfinite(nodes).all())
+    return Check(
+        "nodes are finite, distinct and used",
+        finite and unused == 0 and duplicates == 0 and triangle_count > 0,
+        f"{len(nodes)} nodes, {duplicates} duplicate, {unused} unused",
+    )
+
+
+def _count_duplicates(nodes: NDArray[np.float64]) -> int:
+    """Return how many nodes lie where another one before them does."""
+    x, y = nodes.T
+    # Where each comes after the one before it, by y, then x, all are distinct.
+    if ((y[1:] > y[:-1]) | ((y[1:] == y[:-1]) & (x[1:] > x[:-1]))).all():
+        return 0
+    # As complex numbers points are ordered by x, then y: equal ones meet.
+    points = np.sort(np.ascontiguousarray(nodes).view(np.complex128)[:, 0])
+    return int(np.count_nonzero(points[1:] == points[:-1]))
+
+
+def _check_orientation(areas: NDArray[np.float64]) -> Check:
+    bad = int(np.count_nonzero(~(areas > 0)))
+    least = float(areas.min(initial=np.inf))
+    return Check(
+        "every triangle is counter-clockwise on the map and has an area",
+        bad == 0,
+        f"{len(areas)} triangles, {bad} not, smallest {least:.3g} px2",
+    )
+
+
+def _check_manifold(edges: Edges) -> Check:
+    inner = edges.uses == 2
+    bad = int(np.count_nonzero(edges.uses > 2))
+    bad += int(np.count_nonzero(inner & ((edges.left == FILL) | (edges.right == FILL))))
+    return Check(
+        "every inner edge is used once in each direction",
+        bad == 0,
+        f"{int(inner.sum())} inner edges, {bad} not",
+    )
+
+
+def _check_area(area: float, expected: float) -> Check:
+    return Check(
+        "the triangles cover the domain without overlap: areas add up",
+        abs(area - expected) <= _AREA_TOLERANCE * max(expected, 1.0),
+        f"{area:.6f} px2 of {expected:.6f}",
+    )
+
+
+def _check_boundary(
+    edges: Edges, constraints: NDArray[np.int32], fixed: NDArray[np.intp], domain: DomainFacts
+) -> Check:
+    boundary = edges.nodes[edges.uses == 1]
+    missing = int(np.count_nonzero(fixed == FILL))
+    stray = 0
+    if domain.kind != "hull":
+        stray = len(np.setxor1d(edge_keys(boundary), edge_keys(constraints)))
+    return Check(
+        "the boundary is the domain's outline, and every constraint is an edge",
+        missing == 0 and stray == 0,
+        f"{len(boundary)} boundary edges, {stray} elsewhere, {missing} constraints missing",
+    )
+
+
+def _check_euler(
+    used: NDArray[np.bool_], triangle_count: int, edges: Edges, domain: DomainFacts
+) -> Check:
+    number = int(np.count_nonzero(used)) - len(edges.nodes) + triangle_count
+    # Where the outline touches itself in a node, the closed area has one loop more
+    # than its interior: each further visit lowers the number by one.
+    visits = np.bincount(edges.nodes[edges.uses == 1].ravel())
+    pinches = int((visits[visits > 0] // 2 - 1).sum())
+    expected = domain.components - domain.holes - pinches
+    return Check(
+        "Euler number",
+        number == expected,
+        f"{number}, expected {expected} ({domain.components} components, {domain.holes} holes)",
+    )
+
+
+def _check_delaunay(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    edges: Edges,
+    fixed: NDArray[np.intp],
+) -> Check:
+    """Every inner edge that is no constraint passes the in-circle test.
+
+    For a triangulation that is locally Delaunay at each edge, no circumcircle
+    holds any visible node (Chew 1989). A test within its own rounding error is a
+    tie: the four nodes are cocircular as far as float64 can tell.
+    """
+    inner = edges.uses == 2
+    free = inner.copy()
+    free[fixed[fixed != FILL]] = False
+    constrained = np.count_nonzero(inner) - np.count_nonzero(free)
+    # An edge used twice in one direction has no far side; the manifold check tells of it.
+    free &= (edges.left != FILL) & (edges.right != FILL)
+    violations, ties = _test_circles(points, triangles, *edges[:3], free)
+    return Check(
+        "empty circumcircles (Delaunay; constrained where constraints are)",
+        violations == 0,
+        f"{np.count_nonzero(free)} edges tested, {violations} violations, {ties} cocircular; "
+        f"{constrained} inner edges constrained",
+    )
+
+
+@kernel
+def _test_circles(
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    ends: NDArray[np.int32],
+    left: NDArray[np.int32],
+    right: NDArray[np.int32],
+    free: NDArray[np.bool_],
+) -> tuple[int, int]:
+    """Count violations and ties of apexes of right triangles with circles of left ones.
+
+    The in-circle determinant, of the left triangle's corners seen from the apex, is
+    positive inside once it has the sign of that triangle's area.
+    """
+    violations, ties = 0, 0
+    for edge in range(len(ends)):
+        if not free[edge]:
+            continue
+        one, other = left[edge], right[edge]
+        a, b, c = triangles[one, 0], triangles[one, 1], triangles[one, 2]
+        apex = triangles[other, 0] + triangles[other, 1] + triangles[other, 2]
+        apex -= ends[edge, 0] + ends[edge, 1]
+        ax, ay = points[a, 0] - points[apex, 0], points[a, 1] - points[apex, 1]
+        bx, by = points[b, 0] - points[apex, 0], points[b, 1] - points[apex, 1]
+        cx, cy = points[c, 0] - points[apex, 0], points[c, 1] - points[apex, 1]
+        lift_a, lift_b, lift_c = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
+        value = lift_a * (bx * cy - by * cx) + lift_b * (cx * ay - cy * ax)
+        value += lift_c * (ax * by - ay * bx)
+        magnitude = lift_a * (abs(bx * cy) + abs(by * cx)) + lift_b * (abs(cx * ay) + abs(cy * ax))
+        magnitude += lift_c * (abs(ax * by) + abs(ay * bx))
+        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+        value *= np.sign(abx * acy - aby * acx)
+        violations += value > _INCIRCLE_ERROR * magnitude
+        ties += abs(value) <= _INCIRCLE_ERROR * magnitude
+    return violations, ties
+
+
+def _check_pixels(covered: int | None, counted: int | None, domain: DomainFacts) -> Check:
+    """Compare three independent counts: pixels in triangles, in the outline, and valid ones."""
+    name = "each pixel of the domain lies in one triangle, none outside it"
+    if covered is None or counted is None:
+        return Check(name, True, "not checked: the mesh was made without a raster")
+    if domain.kind == "valid":
+        holds = covered == domain.pixels == domain.valid_pixels - domain.pixels_dropped
+        holds &= counted == domain.valid_pixels or domain.islands_dropped > 0
+    elif domain.kind == "image":
+        holds = covered == domain.pixels and counted == domain.valid_pixels
+    else:
+        holds = True
+    return Check(
+        name,
+        holds and counted <= min(covered, domain.valid_pixels),
+        f"{covered} pixels{'' if domain.pixels is None else f' of {domain.pixels}'}; "
+        f"{counted} of {domain.valid_pixels} valid ones, "
+        f"{domain.islands_dropped} small islands dropped, {domain.holes_bridged} holes bridged",
+    )
+
+
+def _check_angles(angle_sums: NDArray[np.float64], edges: Edges, domain: DomainFacts) -> Check:
+    """Angles around an inner node make one turn; on a hull's boundary, half a turn at most."""
+    border = np.zeros(len(angle_sums), np.bool_)
+    border[edges.nodes[edges.uses == 1]] = True
+    inner = ~border & (angle_sums > 0)
+    limit = np.where(border & (domain.kind == "hull"), np.pi, 2 * np.pi)
+    bad = ~(angle_sums <= limit + _ANGLE_TOLERANCE)
+    bad |= inner & (angle_sums < 2 * np.pi - _ANGLE_TOLERANCE)
+    return Check(
+        "triangles go once around every node",
+        not bad.any(),
+        f"{np.count_nonzero(inner)} inner nodes, {np.count_nonzero(bad)} nodes with other angles",
+    )
+
+
+def _angles(
+    points: NDArray[np.float64], triangles: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], float]:
+    """Sum of the angles around each node, and the least of all (NaN of none), in radians."""
+    sums, least = np.zeros(len(points)), math.inf if len(triangles) else math.nan
+    for block in blocks(len(triangles)):
+        angles = np.arctan2(*_products(points, triangles[block]))
+        np.add.at(sums, triangles[block].ravel(), angles.ravel())
+        least = np.minimum(least, angles.min())
+    return sums, least
+
+
+@kernel
+def _products(
+    points: NDArray[np.float64], triangles: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Size of the cross product, and dot product, of the sides at each corner, (T, 3) both."""
+    cross, dot = np.empty(triangles.shape), np.empty(triangles.shape)
+    for t in range(len(triangles)):
+        for k in range(3):
+            here = points[triangles[t, k]]
+            u = points[triangles[t, (k + 1) % 3]]
+            v = points[triangles[t, (k + 2) % 3]]
+            ux, uy, vx, vy = u[0] - here[0], u[1] - here[1], v[0] - here[0], v[1] - here[1]
+            cross[t, k], dot[t, k] = abs(ux * vy - uy * vx), ux * vx + uy * vy
+    return cross, dot

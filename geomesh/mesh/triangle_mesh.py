@@ -1,0 +1,297 @@
+"""Mesh: the nodes, edges and triangles of an image, on the map, with their attributes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geomesh.arrays.table import Table, read_only
+from geomesh.mesh.certificate import Certificate, DomainFacts
+from geomesh.mesh.certify import certify
+from geomesh.mesh.quality import Quality, measure, measure_each
+from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
+from geomesh.raster.grid import Grid, Points
+
+if TYPE_CHECKING:
+    from os import PathLike
+    from pathlib import Path
+
+    import geopandas as gpd
+
+    from geomesh.raster.open import Source
+    from geomesh.surface.fidelity import Fidelity
+
+LayerName = Literal["triangles", "edges", "nodes"]
+LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A conforming triangle mesh of a raster.
+
+    Parameters
+    ----------
+    nodes : float64 (N, 2)
+        Pixel-edge coordinates in `grid` (x right, y down).
+    triangles : int32 (T, 3)
+        Node ids, counter-clockwise on the map.
+    grid : Grid
+        The source raster's lattice.
+    domain : DomainFacts
+        The area that the mesh covers.
+    constraints : int32 (C, 2)
+        Node pairs that had to become edges: the outline.
+    plane_size : (int, int), optional
+        Width and height of the image that the pipeline worked on, in whose plane
+        lengths and angles are taken; the source's own by default.
+    node_table, triangle_table : Table
+        Attributes that cannot be derived from the geometry.
+    metadata : mapping
+        JSON-able: recipe, source, versions, warnings.
+    """
+
+    nodes: Points
+    triangles: NDArray[np.int32]
+    grid: Grid
+    domain: DomainFacts
+    constraints: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    plane_size: tuple[int, int] = (0, 0)
+    node_table: Table = field(default_factory=lambda: Table({}))
+    triangle_table: Table = field(default_factory=lambda: Table({}))
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "nodes", read_only(self.nodes, np.float64))
+        set_field(self, "triangles", read_only(self.triangles, np.int32))
+        set_field(self, "constraints", read_only(self.constraints, np.int32))
+        set_field(self, "metadata", MappingProxyType(dict(self.metadata)))
+        if self.plane_size == (0, 0):
+            set_field(self, "plane_size", (self.grid.width, self.grid.height))
+        for table, rows in ((self.node_table, self.nodes), (self.triangle_table, self.triangles)):
+            if len(table) and table.length != len(rows):
+                raise ValueError(f"a table of {table.length} rows beside {len(rows)} elements")
+
+    def __repr__(self) -> str:
+        crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
+        return f"<Mesh: {len(self.nodes)} nodes, {len(self.triangles)} triangles, {crs}>"
+
+    def _repr_html_(self) -> str:
+        from geomesh.view.notebook import mesh_html
+
+        return mesh_html(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Copies and pickles are built anew, so that their arrays are read-only too.
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Mesh, tuple((values | {"metadata": dict(self.metadata)}).values())
+
+    @property
+    def plane_scale(self) -> tuple[float, float]:
+        """Factors in x and y from source pixels to the plane that was triangulated."""
+        return self.plane_size[0] / self.grid.width, self.plane_size[1] / self.grid.height
+
+    @cached_property
+    def plane_nodes(self) -> Points:
+        """Node coordinates, (N, 2), in the plane of the image that the pipeline worked on."""
+        return read_only(self.nodes * self.plane_scale)
+
+    @cached_property
+    def map_nodes(self) -> Points:
+        """Node coordinates, (N, 2), on the map."""
+        return read_only(self.grid.to_map(self.nodes))
+
+    @cached_property
+    def edges(self) -> Edges:
+        """The undirected edges with the triangles on either side."""
+        return build_edges(self.triangles)
+
+    def quality(self, space: Literal["image", "map"] = "image") -> Quality:
+        """Return Ki and the standard measures of every triangle.
+
+        Parameters
+        ----------
+        space : {"image", "map"}
+            Take lengths in the plane of the image that the pipeline worked on
+            (pixels), or in map coordinates (units of the CRS).
+        """
+        if space == "image":
+            return self._image_quality
+        if space != "map":
+            raise ValueError(f"space is {space!r}: choose image or map")
+        a, b, _, d, e, _ = self.grid.transform[:6]
+        size = self.grid.width * math.hypot(a, d), self.grid.height * math.hypot(b, e)
+        return measure(self.map_nodes, self.triangles, size=size)
+
+    @cached_property
+    def _image_quality(self) -> Quality:
+        width, height = self.plane_size
+        return measure(self.plane_nodes, self.triangles, size=(width, height))
+
+    def with_measures(self, space: Literal["image", "map"] = "image") -> Mesh:
+        """Return the mesh with every measure of `quality` as an attribute of its triangles.
+
+        Names of measures in map units begin with ``map_``.
+        """
+        prefix = "map_" if space == "map" else ""
+        shown = self._triangle_attributes()
+        measures = {f"{prefix}{name}": col for name, col in self.quality(space).table.items()}
+        added = {name: values for name, values in measures.items() if name not in shown}
+        return replace(self, triangle_table=self.triangle_table.with_columns(added))
+
+    def certify(self) -> Certificate:
+        """Check the mesh and return what was checked (see `geomesh.mesh.certify`)."""
+        pixels = self.metadata.get("pixels", {})
+        return certify(
+            self.nodes,
+            self.triangles,
+            constraints=self.constraints,
+            plane_scale=self.plane_scale,
+            counter_clockwise=not self.grid.flips,
+            domain=self.domain,
+            covered_pixels=pixels.get("covered"),
+            counted_pixels=pixels.get("counted"),
+        )
+
+    def attributes(self, layer: LayerName) -> Table:
+        """Return the columns of a layer, in the order in which they are written.
+
+        docs/formats.md lists every column with its unit and meaning.
+        """
+        if layer == "triangles":
+            return self._triangle_attributes()
+        if layer == "edges":
+            return self._edge_attributes()
+        if layer != "nodes":
+            raise ValueError(f"layer is {layer!r}: choose from {', '.join(LAYERS)}")
+        columns: dict[str, NDArray[Any]] = {"id": np.arange(len(self.nodes), dtype=np.int32)}
+        if "kind" in self.node_table:
+            columns["kind"] = self.node_table["kind"]
+        columns |= {"col": self.nodes[:, 0], "row": self.nodes[:, 1]}
+        return Table(columns | dict(self.node_table))
+
+    def _triangle_attributes(self) -> Table:
+        corners = {f"n{k}": self.triangles[:, k] for k in range(3)}
+        shown = ("ab", "bc", "ca", "ki", "min_angle", "shape")
+        return Table(
+            {
+                "id": np.arange(len(self.triangles), dtype=np.int32),
+                **corners,
+                "area": self.grid.areas(self.nodes, self.triangles),
+                **measure_each(self.plane_nodes, self.triangles, shown),
+                **self.triangle_table,
+            }
+        )
+
+    def _edge_attributes(self) -> Table:
+        edges = self.edges
+        (x, y), (start, stop) = self.plane_nodes.T, edges.nodes.T
+        constrained = np.zeros(len(edges.nodes), np.bool_)
+        found = find_edges(edges, self.constraints)
+        constrained[found[found != FILL]] = True
+        return Table(
+            {
+                "id": np.arange(len(edges.nodes), dtype=np.int32),
+                "n0": edges.nodes[:, 0],
+                "n1": edges.nodes[:, 1],
+                "left": edges.left,
+                "right": edges.right,
+                "length": np.hypot(x[stop] - x[start], y[stop] - y[start]),
+                "constrained": constrained,
+            }
+        )
+
+    def to_geodataframe(self, layer: LayerName = "triangles") -> gpd.GeoDataFrame:
+        """Return a layer as a GeoDataFrame with CRS and attributes.
+
+        Parameters
+        ----------
+        layer : {"triangles", "edges", "nodes"}
+        """
+        import geopandas as gpd  # a quarter of a second, with pandas: a mesh needs neither
+
+        columns = dict(self.attributes(layer))
+        if layer == "triangles":
+            rings = self.map_nodes[self.triangles[:, [0, 1, 2, 0]]]
+            geometry = shapely.polygons(rings)
+        elif layer == "edges":
+            geometry = shapely.linestrings(self.map_nodes[self.edges.nodes])
+        else:
+            geometry = shapely.points(self.map_nodes)
+        return gpd.GeoDataFrame(columns, geometry=geometry, crs=self.grid.crs)
+
+    def to_graph(self, library: Literal["scipy", "networkx", "libpysal"] = "scipy") -> Any:
+        """Return the mesh as a graph: its nodes, joined by its edges.
+
+        Parameters
+        ----------
+        library : {"scipy", "networkx", "libpysal"}
+
+        Returns
+        -------
+        scipy.sparse.csr_array (N, N), networkx.Graph or libpysal.graph.Graph
+            Symmetric; weights are edge lengths in map units.
+        """
+        from geomesh.mesh.graph import build_graph
+
+        return build_graph(self.map_nodes, self.edges, library)
+
+    def to_file(
+        self,
+        path: str | PathLike[str],
+        *,
+        layers: Iterable[LayerName] | None = None,
+        driver: str | None = None,
+        overwrite: bool = False,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> Path:
+        """Write the mesh to a file; see `geomesh.io.write.write_mesh`.
+
+        Parameters
+        ----------
+        path : path-like
+        layers : iterable of {"triangles", "edges", "nodes"}, optional
+            All three by default in a GeoPackage, else the triangles.
+        driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
+            By the extension of `path` if not given.
+        overwrite : bool
+            Replace an existing file.
+        progress : callable(fraction, message), optional
+        """
+        from geomesh.io.write import write_mesh
+
+        return write_mesh(
+            self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
+        )
+
+    def psnr(self, source: Source, **options: Any) -> Fidelity:
+        """Return how faithfully the mesh shows a raster; see `geomesh.surface.fidelity.judge`."""
+        from geomesh.surface.fidelity import judge
+
+        return judge(self, source, **options)
+
+    def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
+        """Paint the mesh on a raster's pixels; see `geomesh.io.render.render_file`."""
+        from geomesh.io.render import render_file
+
+        return render_file(self, source, path, **options)
+
+    def plot(self, column: str = "color", **options: Any) -> Any:
+        """Draw the mesh with matplotlib, filled by `column`; see `geomesh.view.plot.plot_mesh`."""
+        from geomesh.view.plot import plot_mesh
+
+        return plot_mesh(self, column, **options)
+
+    def explore(self, column: str = "color", **options: Any) -> Any:
+        """Show the triangles on a web map: see `geomesh.view.notebook.explore`."""
+        from geomesh.view.notebook import explore
+
+        return explore(self, column, **options)

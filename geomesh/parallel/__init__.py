@@ -1,0 +1,1 @@
+"""Work on tiles: the tile plan, the workers that share it, and its progress."""

@@ -1,0 +1,91 @@
+"""A crew of workers on a Dask cluster, wherever they are."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from geomesh._version import __version__
+from geomesh.errors import MissingExtraError, WorkerError, one_line
+from geomesh.parallel.workers import Crew, open_crew
+
+# Seconds until a scheduler, or its workers, count as not answering.
+_PATIENCE = 6
+
+
+@contextmanager
+def open_cluster(address: str) -> Iterator[Crew]:
+    """Yield the crew of a running Dask cluster.
+
+    A worker that is lost does not matter: Dask gives its tiles to another.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as tcp://host:8786.
+
+    Raises
+    ------
+    WorkerError
+        If the scheduler does not answer, has no workers, or they run another version.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MissingExtraError(
+            "dask.distributed is not installed: pip install 'geomesh-toolkit[dask]'"
+        ) from error
+    try:
+        # Client has no limit on the wait for what is at the address to say that it is a scheduler.
+        asyncio.run(_greet(address))
+        client = Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise WorkerError(
+            f"the scheduler {address} does not answer ({one_line(error)}); check the address, and "
+            "that it runs"
+        ) from error
+    with client:
+        size = _count_workers(client, address)
+        with open_crew(size, client.get_executor()) as crew:
+            yield crew
+
+
+async def _greet(address: str) -> None:
+    """Open a connection, and close it."""
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    keys = Security().get_connection_args("client")
+    async with asyncio.timeout(_PATIENCE + 1):
+        comm = await connect(address, timeout=_PATIENCE, **keys)
+    comm.abort()
+
+
+def _count_workers(client: Any, address: str) -> int:
+    """Return how many tiles the workers do at a time, if all run this version of geomesh."""
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError as error:
+        raise WorkerError(
+            f"the scheduler {address} has no workers; start some: dask worker {address}"
+        ) from error
+    try:
+        versions = set(client.run(_version).values())
+    except Exception as error:
+        raise WorkerError(
+            f"the workers of {address} cannot run geomesh ({one_line(error)}); install geomesh "
+            f"{__version__} where they run"
+        ) from error
+    if versions != {__version__}:
+        found = ", ".join(sorted(versions))
+        raise WorkerError(
+            f"the workers of {address} run geomesh {found}, but here it is {__version__}; install "
+            "the same version on all"
+        )
+    return sum(client.nthreads().values())
+
+
+def _version() -> str:
+    return __version__

@@ -1,0 +1,1 @@
+"""The pipeline: from a raster to a mesh, and to a mesh file."""

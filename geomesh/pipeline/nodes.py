@@ -1,0 +1,235 @@
+"""From keypoints and the domain to the nodes of the mesh and the edges it must have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from geomesh.arrays.table import Table
+from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
+from geomesh.domain import loops as domains
+from geomesh.domain.outline import drop_small_loops, trace
+from geomesh.features.detect import SEAM, Detection
+from geomesh.features.sift import Keypoints, spread_evenly, thin
+from geomesh.mesh.certificate import DomainFacts
+from geomesh.raster.grid import Grid, snap
+from geomesh.recipe import Recipe
+
+# The distance to the third nearest node is close to the length of an edge.
+_NEAREST = 4
+_SPACING_SAMPLE = 20_000
+
+# Fewer keypoints a pixel than this make a mesh that shows next to nothing.
+_FEW = 1e-4
+
+Loops = list[NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class NodeSet:
+    """What is to be triangulated.
+
+    Attributes
+    ----------
+    points : float64 (N, 2)
+        Distinct pixel-edge coordinates of the source, in order of y, then x.
+    table : Table
+        kind, scale, response, octave, angle; the last four are NaN on the border.
+    segments : int32 (S, 2)
+        Pairs of points that must become edges: the outline.
+    domain : DomainFacts
+    notes : tuple of str
+        What the user should know of the choice.
+    """
+
+    points: NDArray[np.float64]
+    table: Table
+    segments: NDArray[np.int32]
+    domain: DomainFacts
+    notes: tuple[str, ...] = ()
+
+
+def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
+    """Choose the feature nodes and add the nodes of the outline.
+
+    Parameters
+    ----------
+    detection : Detection
+    grid : Grid
+        The source's lattice.
+    recipe : Recipe
+        Its min_spacing, nodes, domain, border_spacing and min_hole are followed.
+    """
+    features = _features(detection, grid, recipe)
+    loops, facts = _domain(detection, grid, recipe)
+    notes = _notes_on_domain(facts, recipe)
+    if not loops:
+        chosen = _strongest(features, recipe, facts)
+        if len(delaunay(chosen.xy).triangles):
+            area = shapely.convex_hull(shapely.multipoints(chosen.xy)).area
+            return replace(_join(chosen, [], replace(facts, area=float(area))), notes=tuple(notes))
+        notes.append(
+            f"{len(chosen)} of {len(features)} keypoints, which span no area: the mesh covers the "
+            "whole frame instead of their hull"
+        )
+        loops, facts = _frame(grid, facts.valid_pixels)
+    elif facts.islands_dropped or recipe.resize is not None:
+        # Islands are no domain, and a resized image's pixels do not follow the outline.
+        features = features.take(_inside(features.xy, loops))
+    # Cut in the middle: half the time of a balanced tree, and the same distances.
+    inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
+    spacing = recipe.border_spacing or _median_spacing(inner)
+    border = [_lattice_loop(domains.subdivide(loop, spacing, inner), recipe) for loop in loops]
+    facts = replace(facts, area=sum(map(domains.loop_area, border)))
+    taken = _distinct(border)
+    if facts.kind == recipe.domain:
+        notes += _notes_on_number(len(features), taken, recipe, facts)
+    chosen = _strongest(features, recipe, facts, taken=taken)
+    return replace(_join(chosen, border, facts), notes=tuple(notes))
+
+
+def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
+    told = []
+    if facts.holes_bridged:
+        told.append(f"{facts.holes_bridged} holes of nodata were bridged")
+    if facts.islands_dropped:
+        told.append(f"{facts.islands_dropped} islands of data were dropped")
+    small = f"smaller than {recipe.min_hole} pixels (min_hole)"
+    return [f"{' and '.join(told)}, each {small}"] if told else []
+
+
+def _notes_on_number(features: int, border: int, recipe: Recipe, facts: DomainFacts) -> list[str]:
+    budget = recipe.node_budget(facts.valid_pixels)
+    if budget is not None and border > budget:
+        return [f"the outline alone takes {border} nodes, more than the {budget} asked for"]
+    if features == 0:
+        return ["no keypoints found (the image may be constant): the mesh is the outline only"]
+    if budget is not None and features + border < budget:
+        return [
+            f"{features + border} nodes of the {budget} asked for: the image has no more keypoints "
+            "on edges; --set edge_distance=null or min_spacing=1 gives more"
+        ]
+    if features < _FEW * facts.valid_pixels:
+        return [
+            f"only {features} keypoints in {facts.valid_pixels} pixels: the image is smooth; "
+            "--set sobel=true finds more"
+        ]
+    return []
+
+
+def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
+    """Keypoints in source pixels, thinned, strongest first."""
+    keypoints = detection.keypoints
+    if recipe.resize is None:
+        keypoints = keypoints.moved(snap(keypoints.xy))
+    # Two tiles may both have found a keypoint on their common border.
+    spacing = max(recipe.min_spacing, SEAM) if recipe.is_local else recipe.min_spacing
+    keypoints = thin(keypoints, spacing)
+    if recipe.resize is None:
+        return keypoints
+    width, height = detection.size
+    return keypoints.moved(keypoints.xy * (grid.width / width, grid.height / height))
+
+
+def _strongest(
+    features: Keypoints, recipe: Recipe, facts: DomainFacts, taken: int = 0
+) -> Keypoints:
+    """Return the features that the node budget leaves room for beside `taken` other nodes."""
+    budget = recipe.node_budget(facts.valid_pixels)
+    if budget is None or len(features) + taken <= budget:
+        return features
+    room = max(budget - taken, 0)
+    # The cells depend on the budget alone, so both calls choose in the same order.
+    return features.take(spread_evenly(features, budget, float(facts.valid_pixels))[:room])
+
+
+def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, DomainFacts]:
+    valid_pixels = detection.survey.valid_pixels
+    if recipe.domain == "hull":
+        return [], DomainFacts("hull", 0.0, 1, 0, valid_pixels)
+    if recipe.domain == "image":
+        return _frame(grid, valid_pixels)
+    outline = trace(detection.survey.turns)
+    outline, dropped = drop_small_loops(outline, recipe.min_hole)
+    loops = domains.simplify(outline, grid.extent)
+    return loops, domains.describe(
+        "valid",
+        loops,
+        valid_pixels=valid_pixels,
+        pixels=int(outline.areas().sum()),
+        islands_dropped=dropped.islands,
+        holes_bridged=dropped.holes,
+        pixels_dropped=dropped.pixels,
+    )
+
+
+def _inside(points: NDArray[np.float64], loops: Loops) -> NDArray[np.bool_]:
+    """Tell which points (N, 2) lie inside the loops: those that a triangulation can use."""
+    border = np.concatenate(loops)
+    distinct, position = _unite(np.concatenate([border, points]))
+    segments = position[_around(loops)]
+    used = np.zeros(len(distinct), np.bool_)
+    used[constrained_delaunay(distinct, segments).used] = True
+    inside: NDArray[np.bool_] = used[position[len(border) :]]
+    return inside
+
+
+def _around(loops: Loops) -> NDArray[np.intp]:
+    """Pairs (S, 2) of consecutive points of each loop, counted through all loops."""
+    sizes = np.array([len(loop) for loop in loops], int)
+    ends = np.cumsum(sizes)
+    following = np.arange(1, sizes.sum() + 1)
+    following[ends - 1] = ends - sizes
+    return np.column_stack([np.arange(len(following)), following])
+
+
+def _frame(grid: Grid, valid_pixels: int) -> tuple[Loops, DomainFacts]:
+    loops = domains.frame(grid.width, grid.height)
+    pixels = grid.width * grid.height
+    return loops, domains.describe("image", loops, valid_pixels=valid_pixels, pixels=pixels)
+
+
+def _median_spacing(points: cKDTree) -> float:
+    """Median distance to the third nearest of the points; infinite for fewer than four."""
+    if points.n < _NEAREST:
+        return np.inf
+    step = -(-points.n // _SPACING_SAMPLE)
+    distances, _ = points.query(points.data[::step], k=_NEAREST)
+    return float(np.median(distances[:, -1]))
+
+
+def _lattice_loop(loop: NDArray[np.float64], recipe: Recipe) -> NDArray[np.float64]:
+    return loop if recipe.resize is not None else snap(loop)
+
+
+def _distinct(loops: Loops) -> int:
+    return len(_unite(np.concatenate(loops))[0])
+
+
+def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
+    """Merge features and loops into one set of points in canonical order."""
+    border = np.concatenate([*loops, np.empty((0, 2))])
+    points, position = _unite(np.concatenate([border, features.xy]))
+    segments = position[_around(loops)]
+    is_border = np.zeros(len(points), np.bool_)
+    is_border[position[: len(border)]] = True
+    columns: dict[str, NDArray[Any]] = {"kind": np.where(is_border, "border", "feature")}
+    for name in ("scale", "response", "octave", "angle"):
+        column = np.full(len(points), np.nan, np.float32)
+        column[position[len(border) :]] = getattr(features, name)
+        column[is_border] = np.nan
+        columns[name] = column
+    return NodeSet(points, Table(columns), segments.astype(np.int32), facts)
+
+
+def _unite(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the distinct points in order of y, then x, and where each of `points` is there."""
+    # Complex numbers are ordered so, and sorted much faster than rows are.
+    numbers = np.ascontiguousarray(points[:, ::-1]).view(np.complex128)[:, 0]
+    distinct, position = np.unique(numbers, return_inverse=True)
+    return np.column_stack([distinct.imag, distinct.real]), position

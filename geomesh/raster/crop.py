@@ -1,0 +1,122 @@
+"""The part of a scene to work on: a box on the map, or an area of interest."""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+from pyproj.exceptions import ProjError
+from shapely.geometry.base import BaseGeometry
+
+from geomesh.errors import EmptyError, GeoreferenceError, SourceError
+from geomesh.raster.grid import Grid, Window, snap
+from geomesh.raster.scene import Scene
+
+if TYPE_CHECKING:
+    import geopandas as gpd
+
+# A pixel border that a box meets up to rounding is the box's own border.
+_SNAP = 1e-6
+
+# What a GeoPackage calls the CRS of a layer without one.
+_UNDEFINED = "Undefined"
+
+
+def restrict(
+    scene: Scene,
+    *,
+    bounds: tuple[float, float, float, float] | None = None,
+    mask: Any = None,
+) -> Scene:
+    """Return the scene cropped to `bounds` and `mask`: see `geomesh.raster.open.open_scene`."""
+    area: BaseGeometry | None = None
+    window = scene.grid.extent
+    if bounds is not None:
+        if len(bounds) != 4:
+            raise GeoreferenceError(f"bounds {bounds!r}: expected west, south, east, north")
+        west, south, east, north = bounds
+        if not (-math.inf < west < east < math.inf and -math.inf < south < north < math.inf):
+            raise GeoreferenceError(
+                f"bounds {west:.10g} {south:.10g} {east:.10g} {north:.10g}: expected west < east "
+                "and south < north, in the raster's CRS"
+            )
+        box = shapely.box(west, south, east, north)
+        window = _around(scene, box, window, "--bounds")
+        area = None if scene.grid.is_rectilinear else box
+    if mask is not None:
+        polygons = _polygons(mask, scene)
+        window = _around(scene, polygons, window, "--mask")
+        area = polygons if area is None else shapely.intersection(area, polygons)
+        if area.is_empty:
+            raise EmptyError(f"--bounds and --mask have nothing in common on {scene.name}")
+    if area is not None:
+        corner = np.array([scene.window.col, scene.window.row])
+        area = shapely.transform(area, lambda xy: snap(scene.grid.to_pixel(xy) + corner))
+    return scene.crop(window, area)
+
+
+def _around(scene: Scene, area: BaseGeometry, window: Window, option: str) -> Window:
+    """Return the least part of `window` that holds `area`."""
+    corners = scene.grid.to_pixel(shapely.get_coordinates(area))
+    (left, top), (right, bottom) = corners.min(axis=0) + _SNAP, corners.max(axis=0) - _SNAP
+    col, row = math.floor(left), math.floor(top)
+    found = Window(col, row, math.ceil(right) - col, math.ceil(bottom) - row).clip(window)
+    if found.width < 1 or found.height < 1:
+        edges = " ".join(f"{value:.10g}" for value in scene.grid.bounds())
+        raise EmptyError(
+            f"{option} lies outside {scene.name}, whose bounds are {edges} in "
+            f"{scene.grid.crs.to_string() if scene.grid.crs else 'pixels'}"
+        )
+    return found
+
+
+def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
+    """Return the mask's polygons as one geometry in the scene's CRS."""
+    name = f"mask {mask}" if isinstance(mask, str | PathLike) else "the mask"
+    shapes = _shapes(mask, name)
+    shapes = shapes[shapes.geom_type.isin(["Polygon", "MultiPolygon"]) & ~shapes.is_empty]
+    if shapes.empty:
+        raise SourceError(f"{name} holds no polygon; give polygons of the area to keep")
+    grid: Grid = scene.grid
+    if shapes.crs is not None and shapes.crs.name.startswith(_UNDEFINED):
+        shapes = shapes.set_crs(None, allow_override=True)
+    if shapes.crs is not None and grid.crs is None:
+        raise GeoreferenceError(
+            f"{name} is in {shapes.crs.to_string()} but {scene.name} has no CRS; "
+            "georeference the raster, or give a mask without CRS in its coordinates"
+        )
+    if shapes.crs is not None:
+        try:
+            shapes = shapes.to_crs(grid.crs)
+        except ProjError as error:
+            raise GeoreferenceError(
+                f"{name} is in the CRS {shapes.crs.name!r}, from which there is no way to that of "
+                f"{scene.name}; reproject it first"
+            ) from error
+    if not np.isfinite(shapes.total_bounds).all():
+        raise GeoreferenceError(
+            f"{name} does not lie where coordinates can be transformed to the CRS of "
+            f"{scene.name}; check the CRS of the mask"
+        )
+    return shapes.make_valid().union_all()
+
+
+def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
+    # A quarter of a second, with pandas: only masks need them.
+    import geopandas as gpd
+    import pyogrio
+    from pyogrio.errors import DataSourceError
+
+    if isinstance(mask, str | PathLike):
+        try:
+            mask = pyogrio.read_dataframe(mask, columns=[])
+        except DataSourceError as error:
+            raise SourceError(
+                f"{name} cannot be read as a vector file; give polygons in a file such as .gpkg"
+            ) from error
+    if isinstance(mask, gpd.GeoDataFrame | gpd.GeoSeries):
+        return gpd.GeoSeries(mask.geometry)
+    raise SourceError(f"{name} has no geometry; give a file, GeoDataFrame or GeoSeries of polygons")

@@ -1,0 +1,298 @@
+"""A raster in memory as rasterio would tell of it: an array, or an xarray.DataArray."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+import numpy as np
+from affine import Affine
+from numpy.typing import NDArray
+
+from geomesh.errors import GeoreferenceError, MissingExtraError, SourceError, one_line
+from geomesh.raster.grid import IDENTITY
+
+if TYPE_CHECKING:
+    from xarray import DataArray, Variable
+
+# What the third dimension may be called: by rioxarray, by Dataset.to_dataarray(), by openEO.
+_BAND_DIMENSIONS = ("band", "variable", "bands")
+
+# Share of a pixel by which coordinates may differ from evenly spaced ones.
+_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayRaster:
+    """Pixels in memory and where they lie, with rasterio's names.
+
+    Parameters
+    ----------
+    name : str
+        What messages and metadata call it.
+    array : (B, H, W)
+        A numpy array, perhaps masked, or the `Pixels` of a DataArray.
+    transform : Affine
+    crs : rasterio.crs.CRS, optional
+    gcps : (list of rasterio.control.GroundControlPoint, rasterio.crs.CRS or None)
+    nodata : float, optional
+    descriptions : tuple of str or None, optional
+        One for each band.
+    """
+
+    name: str
+    array: Any
+    transform: Affine = IDENTITY
+    crs: Any = None
+    gcps: tuple[Any, Any] = ((), None)
+    nodata: float | None = None
+    descriptions: tuple[str | None, ...] | None = None
+
+    rpcs = None
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return int(self.array.shape[2])
+
+    @property
+    def height(self) -> int:
+        """Number of rows."""
+        return int(self.array.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """What a DataArray holds, as (B, H, W), read or computed when numpy asks for it.
+
+    Parameters
+    ----------
+    variable : xarray.Variable (H, W) or (B, H, W)
+        May be a file's or Dask's: only the part that is cut out is ever computed.
+    """
+
+    variable: Variable
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(B, H, W)."""
+        return (1, *self.variable.shape)[-3:]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the values."""
+        dtype: np.dtype[Any] = self.variable.dtype
+        return dtype
+
+    def __getitem__(self, key: tuple[Any, Any, Any]) -> Pixels:
+        return Pixels(self.variable[key[-self.variable.ndim :]])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        values = np.asarray(self.variable.values, dtype)
+        return values.reshape(self.shape)
+
+
+def check_shape(name: str, shape: tuple[int, ...]) -> None:
+    """Refuse an array that cannot hold a raster.
+
+    Raises
+    ------
+    SourceError
+    """
+    if len(shape) not in (2, 3) or 0 in shape:
+        raise SourceError(
+            f"{name} of shape {shape} is no raster: expected (rows, columns) or "
+            "(bands, rows, columns), none of them 0"
+        )
+
+
+def is_xarray(source: Any) -> TypeGuard[DataArray]:
+    """Tell whether a source is a DataArray, or a Dataset; nothing is imported to tell."""
+    xarray = sys.modules.get("xarray")
+    return xarray is not None and isinstance(source, xarray.DataArray | xarray.Dataset)
+
+
+def read_dataarray(
+    source: DataArray, name: str | None = None, *, with_crs: bool = True
+) -> ArrayRaster:
+    """Return a DataArray as a raster; no pixel is read yet.
+
+    Parameters
+    ----------
+    source : xarray.DataArray
+        Of two spatial dimensions and perhaps one of bands, in any order.
+    name : str, optional
+        The DataArray's own by default.
+    with_crs : bool
+        Whether its own CRS is wanted.
+
+    Raises
+    ------
+    MissingExtraError
+        If rioxarray is not installed, which knows where the CRS and the rest are kept.
+    SourceError
+        If it is a Dataset, if there is another dimension, or no spatial one.
+    GeoreferenceError
+        If the coordinates are not those of a raster.
+    """
+    if not hasattr(source, "variable"):
+        raise SourceError(
+            "a Dataset is many rasters: choose a variable, as in ds['red'], or stack those of one "
+            "grid as bands with .to_dataarray()"
+        )
+    try:
+        import rioxarray  # noqa: F401
+        from rioxarray.exceptions import MissingSpatialDimensionError
+    except ImportError as error:
+        raise MissingExtraError(
+            "rioxarray is not installed, and a DataArray needs it: "
+            "pip install 'geomesh-toolkit[xarray]'"
+        ) from error
+    name = name or str(source.name or "the DataArray")
+    try:
+        y, x = source.rio.y_dim, source.rio.x_dim
+    except MissingSpatialDimensionError as error:
+        told = ", ".join(map(str, source.dims)) or "none"
+        raise SourceError(
+            f"{name} has no dimensions x and y but {told}: name them, as in "
+            ".rename(lon='x', lat='y')"
+        ) from error
+    others = [dimension for dimension in source.dims if dimension not in (y, x)]
+    unknown = [dimension for dimension in others if dimension not in _BAND_DIMENSIONS]
+    if unknown or len(others) > 1:
+        first = (unknown or others)[0]
+        raise SourceError(
+            f"{name} has a dimension {first} of {source.sizes[first]}: choose one with "
+            f".isel({first}=0)"
+            + (f", or .rename({first}='band') if they are bands" if len(others) == 1 else "")
+        )
+    check_shape(name, source.shape)
+    crs = _crs(name, source) if with_crs else None
+    return ArrayRaster(
+        name,
+        Pixels(source.variable.transpose(*others, y, x)),
+        _transform(name, source, x, y),
+        crs,
+        (source.rio.get_gcps() or (), crs),
+        _nodata(name, source),
+        _descriptions(source, others[0] if others else None),
+    )
+
+
+def _crs(name: str, source: DataArray) -> Any:
+    try:
+        return source.rio.crs
+    except Exception as error:
+        raise GeoreferenceError(
+            f"{name}: its CRS is not understood ({one_line(error)}); give another, crs='EPSG:32722'"
+        ) from error
+
+
+def _nodata(name: str, source: DataArray) -> float | None:
+    try:
+        nodata = source.rio.nodata
+    except OverflowError:
+        return None  # no pixel of this type can have the value
+    except (TypeError, ValueError) as error:
+        raise SourceError(
+            f"{name}: its nodata value is not understood ({one_line(error)}); set it with "
+            ".rio.write_nodata()"
+        ) from error
+    # What is NaN is never valid; a masked array holds its own nodata value no more.
+    return None if nodata is None or np.isnan(nodata) else float(nodata)
+
+
+def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
+    """Return what each band is called: its label, or the file's name for the band of its number.
+
+    rioxarray numbers the bands of a file from 1 and keeps the names of all of them, so
+    that the names of those that were chosen can be told.
+    """
+    count = 1 if dimension is None else source.sizes[dimension]
+    coordinate = source.coords.get("band" if dimension is None else dimension)
+    labels = np.arange(1, count + 1) if coordinate is None else np.atleast_1d(coordinate.values)
+    if labels.dtype.kind in "UO":
+        return tuple(map(str, labels))
+    told = source.attrs.get("long_name", ())
+    names = (told,) * (count == 1) if isinstance(told, str) else tuple(told)
+    if labels.dtype.kind not in "iu" or labels.min() < 1 or labels.max() > len(names):
+        return (None,) * count
+    return tuple(names[label - 1] for label in labels)
+
+
+def _transform(name: str, source: DataArray, x: Any, y: Any) -> Affine:
+    """Return the transform that puts the centres of pixels where the coordinates say.
+
+    That is the stored one, which is exact, unless a part was cut out since; then it
+    follows from the coordinates. Without coordinates nothing tells of a cut.
+    """
+    stored = _stored(source)
+    if x in source.coords and y in source.coords:
+        xs, ys = source.coords[x].values[None, :], source.coords[y].values[:, None]
+    elif "xc" in source.coords and "yc" in source.coords:  # rioxarray's, of a turned grid
+        xs, ys = (source.coords[each].transpose(y, x).values for each in ("xc", "yc"))
+    else:
+        return stored or IDENTITY
+    for axis, values in ((x, xs), (y, ys)):
+        if values.dtype.kind not in "iuf":
+            raise GeoreferenceError(
+                f"{name} has coordinates {axis} of type {values.dtype}: give numbers, in units of "
+                "its CRS"
+            )
+    if stored is not None and not any(_misfits(stored, xs, ys)):
+        return stored
+    if 1 in (source.sizes[x], source.sizes[y]):
+        raise GeoreferenceError(
+            f"{name} is only one pixel {'wide' if source.sizes[x] == 1 else 'high'}, so that its "
+            "coordinates do not tell how large a pixel is: set it with .rio.write_transform()"
+        )
+    fitted = _fit(xs, ys)
+    for axis, misfit in zip((x, y), _misfits(fitted, xs, ys), strict=True):
+        if misfit:
+            raise GeoreferenceError(
+                f"{name} has coordinates {axis} that are not evenly spaced, by up to {misfit:.2g} "
+                "pixels: bring it onto a regular grid first, with .interp() or .rio.reproject()"
+            )
+    return fitted
+
+
+def _stored(source: DataArray) -> Affine | None:
+    """Return the transform that rioxarray keeps, in GDAL's order, with the CRS."""
+    keeper = source.coords.get(source.rio.grid_mapping)
+    numbers = [] if keeper is None else str(keeper.attrs.get("GeoTransform", "")).split()
+    return Affine.from_gdal(*map(float, numbers)) if len(numbers) == 6 else None
+
+
+def _fit(xs: NDArray[Any], ys: NDArray[Any]) -> Affine:
+    """Return the transform of coordinates, as `_misfits` has them, if they are evenly spaced."""
+    (x, a, b), (y, d, e) = (
+        (float(values[0, 0]), _step(values[0, :]), _step(values[:, 0])) for values in (xs, ys)
+    )
+    return Affine(a, b, x - (a + b) / 2, d, e, y - (d + e) / 2)
+
+
+def _step(values: NDArray[Any]) -> float:
+    return (float(values[-1]) - float(values[0])) / max(len(values) - 1, 1)
+
+
+def _misfits(transform: Affine, xs: NDArray[Any], ys: NDArray[Any]) -> list[float]:
+    """Return how far coordinates in x and y are from the transform's, in pixels; 0 if they agree.
+
+    Parameters
+    ----------
+    transform : Affine
+    xs, ys : (1, W) and (H, 1), or both (H, W)
+        Coordinates of the centres of pixels.
+    """
+    cols, rows = np.arange(xs.shape[1]) + 0.5, np.arange(ys.shape[0])[:, None] + 0.5
+    misfits = []
+    for values, (along, down, start) in ((xs, transform[:3]), (ys, transform[3:6])):
+        expected = start + (along * cols if along else 0) + (down * rows if down else 0)
+        off = float(np.abs(values - expected).max())
+        pixel = max(abs(along), abs(down))
+        rounding = np.finfo(values.dtype).eps if values.dtype.kind == "f" else 0
+        agree = off <= _TOLERANCE * pixel + 2 * rounding * np.abs(values).max()
+        misfits.append(0.0 if agree else off / pixel if pixel else math.inf)
+    return misfits

@@ -1,0 +1,282 @@
+"""Grid: the lattice that a raster's pixels sit on, and its way to the map and back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from affine import Affine
+from numpy.typing import ArrayLike, NDArray
+from pyproj import CRS
+
+from geomesh.arrays.jit import kernel
+from geomesh.arrays.table import blocks
+from geomesh.errors import GeoreferenceError
+
+Points = NDArray[np.float64]
+
+IDENTITY = Affine.identity()
+
+# So many float64 numbers must lie within a pixel, or triangles would have no area.
+_LEAST_STEPS = 1024
+
+
+# Nodes lie on a lattice of 1/256 pixel: exact in float64 and in the predicates.
+LATTICE = 256.0
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A block of whole pixels: upper left pixel, width and height."""
+
+    col: int
+    row: int
+    width: int
+    height: int
+
+    @property
+    def stop_col(self) -> int:
+        """First column right of the window."""
+        return self.col + self.width
+
+    @property
+    def stop_row(self) -> int:
+        """First row below the window."""
+        return self.row + self.height
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width), as numpy has it."""
+        return self.height, self.width
+
+    def clip(self, other: Window) -> Window:
+        """Return what `self` and `other` share (width or height 0 if nothing)."""
+        col, row = max(self.col, other.col), max(self.row, other.row)
+        width = max(min(self.stop_col, other.stop_col) - col, 0)
+        height = max(min(self.stop_row, other.stop_row) - row, 0)
+        return Window(col, row, width, height)
+
+    def pad(self, pixels: int) -> Window:
+        """Return the window grown by `pixels` on every side."""
+        return Window(
+            self.col - pixels,
+            self.row - pixels,
+            self.width + 2 * pixels,
+            self.height + 2 * pixels,
+        )
+
+    def slices(self, within: Window | None = None) -> tuple[slice, slice]:
+        """Return the (row, column) slices of this window in an array that covers `within`."""
+        row = self.row - (within.row if within else 0)
+        col = self.col - (within.col if within else 0)
+        return slice(row, row + self.height), slice(col, col + self.width)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Size, affine transform and CRS of a raster.
+
+    Pixel coordinates are *pixel-edge* coordinates: x to the right, y down, the
+    raster spans [0, width] x [0, height] and the centre of pixel (row, col) is
+    (col + 0.5, row + 0.5). Map coordinates are in the CRS, x first.
+
+    Parameters
+    ----------
+    width, height : int
+        Number of columns and rows, at least 1.
+    transform : Affine
+        Pixel-edge to map coordinates; may be rotated or flipped.
+    crs : pyproj.CRS, optional
+        None for a raster without georeference: then the map is the pixel plane.
+    """
+
+    width: int
+    height: int
+    transform: Affine = IDENTITY
+    crs: CRS | None = None
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.width, int) and isinstance(self.height, int)):
+            raise TypeError(f"width {self.width!r} and height {self.height!r} must be int")
+        if self.width < 1 or self.height < 1:
+            raise GeoreferenceError(f"a grid of {self.width} x {self.height} pixels has no area")
+        if not all(math.isfinite(value) for value in self.transform[:6]):
+            raise GeoreferenceError(f"the transform {tuple(self.transform[:6])} is not finite")
+        if self.transform.determinant == 0:
+            raise GeoreferenceError(
+                f"the transform {tuple(self.transform[:6])} maps every pixel onto a line"
+            )
+        a, b, _, d, e, _ = self.transform[:6]
+        pixel = min(math.hypot(a, d), math.hypot(b, e))
+        if pixel < _LEAST_STEPS * np.spacing(max(map(abs, self.bounds()))):
+            raise GeoreferenceError(
+                f"pixels of {pixel:g} map units are finer than float64 coordinates can tell apart "
+                f"at {self.transform.c:g}, {self.transform.f:g}: correct the georeference"
+            )
+
+    @property
+    def extent(self) -> Window:
+        """The window of all pixels."""
+        return Window(0, 0, self.width, self.height)
+
+    @property
+    def flips(self) -> bool:
+        """Whether counter-clockwise on the map is clockwise in (x, y) pixel numbers.
+
+        True for the usual north-up raster, whose rows run down.
+        """
+        return bool(self.transform.determinant < 0)
+
+    @property
+    def is_rectilinear(self) -> bool:
+        """Whether rows and columns run along the map's axes (no rotation or shear)."""
+        return bool(self.transform.b == 0 and self.transform.d == 0)
+
+    @property
+    def y_runs_down(self) -> bool:
+        """Whether a page shows y running down: without a CRS, where y counts rows."""
+        return bool(self.crs is None and self.transform.e > 0)
+
+    @property
+    def aspect(self) -> float:
+        """Length on a page of a unit of y over one of x: degrees of longitude are shorter."""
+        if self.crs is None or not self.crs.is_geographic:
+            return 1.0
+        _, south, _, north = self.bounds()
+        return float(1 / max(np.cos(np.radians((south + north) / 2)), 0.1))
+
+    def window(self, window: Window) -> Grid:
+        """Return the grid of the pixels in `window`."""
+        a, b, _, d, e, _ = self.transform[:6]
+        x, y = self.to_map([(window.col, window.row)])[0]
+        transform = Affine(a, b, float(x), d, e, float(y))
+        return Grid(window.width, window.height, transform, self.crs)
+
+    def scaled(self, width: int, height: int) -> Grid:
+        """Return the grid of the same area with another number of pixels."""
+        sx, sy = self.width / width, self.height / height
+        a, b, c, d, e, f = self.transform[:6]
+        return Grid(width, height, Affine(a * sx, b * sy, c, d * sx, e * sy, f), self.crs)
+
+    def to_map(self, points: ArrayLike) -> Points:
+        """Return map coordinates, (N, 2), of pixel-edge coordinates (N, 2)."""
+        return _apply(self.transform, points)
+
+    def to_pixel(self, points: ArrayLike) -> Points:
+        """Return pixel-edge coordinates, (N, 2), of map coordinates (N, 2)."""
+        return _apply(~self.transform, points)
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Return (west, south, east, north): the least box around the raster on the map."""
+        w, h = self.width, self.height
+        corners = self.to_map([(0, 0), (w, 0), (w, h), (0, h)])
+        (west, south), (east, north) = corners.min(axis=0), corners.max(axis=0)
+        return float(west), float(south), float(east), float(north)
+
+    def areas(self, points: ArrayLike, triangles: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Return the area of each triangle on the ground.
+
+        Parameters
+        ----------
+        points : float (N, 2)
+            Pixel-edge coordinates.
+        triangles : int (T, 3)
+
+        Returns
+        -------
+        float64 (T,)
+            Square metres: planar in a projected CRS, on the ellipsoid in a
+            geographic one. Without a CRS, square pixels.
+        """
+        places = self.to_map(points)
+        if self.crs is None:
+            return np.abs(signed_areas(places, triangles))
+        unit = self.crs.axis_info[0].unit_conversion_factor if self.crs.axis_info else 1.0
+        if self.crs.is_geographic:
+            ellipsoid = self.crs.ellipsoid
+            if ellipsoid is None:
+                raise GeoreferenceError(f"{self.crs.name!r} names no ellipsoid to measure areas on")
+            return _ellipsoidal_areas(
+                places * unit, triangles, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+            )
+        return np.abs(signed_areas(places, triangles)) * unit**2
+
+
+def snap(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points rounded to the lattice of 1/256 pixel."""
+    snapped: NDArray[np.float64] = np.rint(points * LATTICE) / LATTICE
+    return snapped
+
+
+def _apply(transform: Affine, points: ArrayLike) -> Points:
+    xy = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    a, b, c, d, e, f = transform[:6]
+    x, y = xy[:, 0], xy[:, 1]
+    return np.column_stack([a * x + b * y + c, d * x + e * y + f])
+
+
+@kernel
+def signed_areas(
+    points: NDArray[np.float64], triangles: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Signed planar areas of triangles (T, 3) of points (N, 2); positive if counter-clockwise."""
+    areas = np.empty(len(triangles))
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+        areas[t] = 0.5 * (abx * acy - aby * acx)
+    return areas
+
+
+def _ellipsoidal_areas(
+    points: Points, triangles: NDArray[np.integer], semi_major: float, semi_minor: float
+) -> NDArray[np.float64]:
+    """Areas in m2 of triangles (T, 3) of points (N, 2) in radians of longitude and latitude."""
+    # A side of 180 degrees or more would be taken the shorter way around: cut it.
+    longitude = points[:, 0]
+    sides = (longitude[triangles[:, k]] - longitude[triangles[:, k - 1]] for k in range(3))
+    longest = max(float(np.abs(side).max(initial=0)) for side in sides)
+    pieces = max(math.ceil(longest / (math.pi / 2)), 1)
+    areas = np.empty(len(triangles))
+    for block in blocks(len(triangles)):
+        areas[block] = _block_areas(points[triangles[block]], semi_major, semi_minor, pieces)
+    return areas
+
+
+def _block_areas(
+    corners: NDArray[np.float64], semi_major: float, semi_minor: float, pieces: int
+) -> NDArray[np.float64]:
+    """Areas of triangles (T, 3, 2), each side cut into `pieces`.
+
+    Latitudes become authalic ones (Snyder 1987, eq. 3-11 to 3-13), which maps the
+    ellipsoid onto a sphere of equal area; there the area between a great-circle
+    arc and the equator has a closed form (Karney 2013, section 6), and the three
+    sides add up.
+    """
+    side = np.roll(corners, -1, axis=1) - corners
+    shares = np.arange(pieces)[:, None] / pieces
+    ring = (corners[:, :, None] + side[:, :, None] * shares).reshape(len(corners), 3 * pieces, 2)
+    limit = math.pi / 2
+    sine = np.sin(np.clip(ring[..., 1], -limit, limit))
+    eccentricity = math.sqrt(max(1 - (semi_minor / semi_major) ** 2, 0.0))
+    if eccentricity > 0:
+        pole = float(_authalic_q(np.ones(1), eccentricity)[0])
+        sine = np.clip(_authalic_q(sine, eccentricity) / pole, -1, 1)
+    else:
+        pole = 2.0
+    radius_squared = semi_major**2 * pole / 2
+    half_tangent = np.tan(np.arcsin(sine) / 2)
+    t0, t1 = half_tangent, np.roll(half_tangent, -1, axis=1)
+    turn = np.tan((np.roll(ring[..., 0], -1, axis=1) - ring[..., 0]) / 2)
+    excess = 2 * np.arctan2(turn * (t0 + t1), 1 + t0 * t1).sum(axis=1)
+    areas: NDArray[np.float64] = np.abs(excess) * radius_squared
+    return areas
+
+
+def _authalic_q(sine: NDArray[np.float64], e: float) -> NDArray[np.float64]:
+    """Snyder's q of the sine of the latitude, for eccentricity `e` > 0."""
+    es = e * sine
+    q: NDArray[np.float64] = (1 - e**2) * (sine / (1 - es**2) + np.arctanh(es) / e)
+    return q

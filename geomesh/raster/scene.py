@@ -1,0 +1,248 @@
+"""Scene: any raster that rasterio opens, as arrays of chosen bands and their validity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+import rasterio
+from affine import Affine
+from numpy.typing import NDArray
+from rasterio.enums import MaskFlags
+from rasterio.errors import RasterioError
+
+from geomesh.errors import SourceError, one_line
+from geomesh.raster.bands import (
+    Band,
+    alpha_index,
+    described_color,
+    find_rgb,
+    palette,
+)
+from geomesh.raster.gdal import CACHE_BYTES, Borrowed, close_handles, handles, is_remote
+from geomesh.raster.grid import Grid, Window
+
+Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False)
+class Excerpt:
+    """A part of a raster in memory, or of one that is computed where it is read.
+
+    Parameters
+    ----------
+    array : (B, h, w), perhaps masked
+        All bands of `window`: of numpy, or the part of it that is cut out becomes so.
+    window : Window
+    """
+
+    array: Any
+    window: Window
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Whoever is sent a part gets its pixels, not the way to compute them.
+        return Excerpt, (np.asanyarray(self.array), self.window)
+
+    def read(self, window: Window, shape: tuple[int, int] | None, indexes: Sequence[int]) -> Pixels:
+        """Return the bands at `indexes` and their validity in `window`, decimated to `shape`."""
+        rows, cols = window.slices(self.window)
+        if shape is not None:
+            rows, cols = _thin(rows, shape[0]), _thin(cols, shape[1])
+        block = np.asanyarray(self.array[indexes, rows, cols])
+        return np.ma.getdata(block), ~np.any(np.ma.getmaskarray(block), axis=0)
+
+    def cut(self, window: Window) -> Excerpt:
+        """Return the part of it in `window`; no pixel is copied."""
+        return Excerpt(self.array[:, *window.slices(self.window)], window)
+
+
+def _thin(side: slice, count: int) -> slice:
+    """Return every n-th of a side's pixels, the middle one of each n, `count` in all."""
+    step = (side.stop - side.start) // count
+    return slice(side.start + step // 2, side.start + step * count, step)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A raster, the bands chosen from it and the part of it to work on.
+
+    Made by `geomesh.raster.open.open_scene`; it can be sent to workers, for files are opened
+    where they are read.
+
+    Parameters
+    ----------
+    name : str
+        The source as the user gave it, for messages and metadata.
+    grid : Grid
+        Lattice of `window`.
+    window : Window
+        The part to work on, in the pixels of the file.
+    bands : tuple of Band
+        After a palette has become colours.
+    dtype : numpy.dtype
+    source : str, Borrowed or Excerpt
+        A file's absolute path or URL, the caller's open dataset, or an array.
+    size : (int, int)
+        Width and height of the whole raster.
+    nodata : float or None
+        Replaces the file's own nodata value.
+    area : shapely geometry or None
+        Area of interest in pixel-edge coordinates of the file, on the lattice of nodes:
+        so whichever window is read, a pixel is in it or not. Pixels with their centre
+        outside are invalid.
+    notes : tuple of str
+        What the user should know about the georeference.
+    reading : str
+        Tells this opening of the raster from others, in every process.
+    """
+
+    name: str
+    grid: Grid
+    window: Window
+    bands: tuple[Band, ...]
+    dtype: np.dtype[Any]
+    source: str | Borrowed | Excerpt
+    size: tuple[int, int]
+    nodata: float | None = None
+    area: Any = None
+    notes: tuple[str, ...] = ()
+    reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
+
+    @property
+    def rgb(self) -> tuple[int, int, int] | None:
+        """Positions in `bands` of red, green and blue: as tagged, or the only three there are."""
+        return find_rgb([band.color for band in self.bands]) or (
+            (0, 1, 2) if len(self.bands) == 3 else None
+        )
+
+    @property
+    def display(self) -> tuple[int, int, int]:
+        """Positions in `bands` of what to show as red, green and blue.
+
+        As tagged, or as the bands' descriptions say, or the first three, or the first.
+        """
+        told = find_rgb([described_color(band) for band in self.bands])
+        return self.rgb or told or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
+
+    @contextmanager
+    def open(self) -> Iterator[Scene]:
+        """Keep this process's handles on the source for as long as the block lasts."""
+        try:
+            with self.source.used() if isinstance(self.source, Borrowed) else nullcontext():
+                yield self
+        finally:
+            close_handles(self.reading)
+
+    def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
+        """Return bands (B, h, w) and validity (h, w) of `window`, decimated to `shape`.
+
+        Threads may read at the same time.
+        """
+        base = self.window
+        there = replace(window, col=window.col + base.col, row=window.row + base.row)
+        if isinstance(self.source, Excerpt):
+            bands, valid = self.source.read(there, shape, [band.index - 1 for band in self.bands])
+        else:
+            # Decimated windows do not overlap: there is nothing to share, but for a scene that
+            # the cache of one handle holds, which then need not be decoded again.
+            with self.lend(shared=shape is None or self._fits_cache) as dataset:
+                bands, valid = self._read_dataset(dataset, there, shape)
+        return bands, self._narrowed(bands, valid, there)
+
+    def lend(self, *, shared: bool = True) -> AbstractContextManager[rasterio.DatasetReader]:
+        """Return the context of the dataset behind the scene, for one thread at a time."""
+        if isinstance(self.source, Excerpt):
+            raise TypeError(f"{self.name} is an array, not a dataset")
+        if isinstance(self.source, Borrowed):
+            return self.source.lend()
+        return handles(self.reading, self.source, self.size).lend(shared=shared)
+
+    @property
+    def _fits_cache(self) -> bool:
+        pixels = self.window.width * self.window.height
+        return pixels * len(self.bands) * self.dtype.itemsize <= CACHE_BYTES
+
+    def _read_dataset(
+        self, dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int] | None
+    ) -> Pixels:
+        where = rasterio.windows.Window(window.col, window.row, window.width, window.height)
+        out = {"window": where, "out_shape": shape or window.shape}
+        try:
+            colors = palette(dataset)
+            indexes = [1] if colors is not None else [band.index for band in self.bands]
+            bands = dataset.read(indexes, **out)
+            valid = np.ones(bands.shape[1:], np.bool_)
+            flags = [dataset.mask_flag_enums[index - 1] for index in indexes]
+            if self.nodata is None and any(MaskFlags.all_valid not in each for each in flags):
+                valid = dataset.read_masks(indexes, **out).all(axis=0)
+            alpha = alpha_index(dataset)
+            if alpha is not None:
+                valid &= dataset.read(alpha, **out) > 0
+        except IndexError as error:
+            raise SourceError(
+                f"{self.name} changed while it was read ({one_line(error)}); start again when it "
+                "is complete"
+            ) from error
+        except RasterioError as error:
+            why = "the file is truncated or damaged; fetch or export it again"
+            if isinstance(self.source, str) and is_remote(self.source):
+                why = "the file is damaged, or did not come through; try again, or fetch it first"
+            raise SourceError(
+                f"{self.name}: cannot read columns {window.col} to {window.stop_col}, rows "
+                f"{window.row} to {window.stop_row}: {why} (GDAL: {one_line(error)})"
+            ) from error
+        if colors is not None:
+            entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
+            valid &= entries[..., 3] > 0
+            wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
+            bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
+        return bands, valid
+
+    def _narrowed(
+        self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
+    ) -> NDArray[np.bool_]:
+        """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
+        if self.nodata is not None and can_hold(bands.dtype, self.nodata):
+            valid &= (bands != np.array(self.nodata).astype(bands.dtype)).all(axis=0)
+        if bands.dtype.kind == "f":
+            valid &= np.isfinite(bands).all(axis=0)
+        if self.area is not None:
+            from rasterio.features import geometry_mask
+
+            height, width = valid.shape
+            scale = window.width / width, window.height / height
+            to_file = Affine(scale[0], 0, window.col, 0, scale[1], window.row)
+            valid &= geometry_mask([self.area], valid.shape, to_file, invert=True)
+        return valid
+
+    def excerpt(self, window: Window) -> Scene:
+        """Return the scene as it is to be sent to whoever reads `window` of it, and no more."""
+        if not isinstance(self.source, Excerpt):
+            return self
+        base = self.window
+        there = replace(window, col=window.col + base.col, row=window.row + base.row)
+        return replace(self, source=self.source.cut(there))
+
+    def crop(self, window: Window, area: Any = None) -> Scene:
+        """Return the scene of the part in `window` (pixels of this scene) and in `area`."""
+        return replace(
+            self,
+            grid=self.grid.window(window),
+            window=replace(
+                window, col=self.window.col + window.col, row=self.window.row + window.row
+            ),
+            area=area,
+        )
+
+
+def can_hold(dtype: np.dtype[Any], value: float) -> bool:
+    """Tell whether a pixel of this type can have the value at all."""
+    if dtype.kind == "f":
+        return not math.isfinite(value) or abs(value) <= float(np.finfo(dtype).max)
+    limits = np.iinfo(dtype)
+    return value.is_integer() and limits.min <= value <= limits.max

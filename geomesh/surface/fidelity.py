@@ -1,0 +1,170 @@
+"""How faithfully a mesh shows its raster: PSNR and errors, tile by tile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+
+from geomesh.errors import EmptyError
+from geomesh.mesh.provenance import open_original
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.parallel.progress import reporting
+from geomesh.parallel.tiles import Progress, part_of
+from geomesh.parallel.workers import Crew, open_crew
+from geomesh.raster.open import Source
+from geomesh.raster.scene import Scene
+from geomesh.surface.fit import Surface, Task, fit_surface, walk
+from geomesh.surface.paint import Errors, Fit, Model, find_errors, psnr
+from geomesh.zonal.columns import band_names
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """How faithfully a mesh shows its raster.
+
+    Counted are the valid pixels of the raster that a triangle owns.
+
+    Parameters
+    ----------
+    bands : tuple of str
+    pixels : int
+        How many were counted.
+    peak : tuple of float
+        What PSNR is relative to, for each band: 255 for uint8, else the greatest value
+        counted less the least.
+    rmse, psnr : tuple of float
+        Root mean square error in the units of the band, and peak signal-to-noise ratio in
+        decibels: 20 log10(peak / rmse), infinite where there is no error.
+    overall : float
+        PSNR of all bands together: of the mean of their (rmse / peak)^2.
+    """
+
+    bands: tuple[str, ...]
+    pixels: int
+    peak: tuple[float, ...]
+    rmse: tuple[float, ...]
+    psnr: tuple[float, ...]
+    overall: float
+
+    def summary(self) -> dict[str, Any]:
+        """Return it as JSON-able values; an infinite PSNR is None there."""
+        return {
+            "pixels": self.pixels,
+            "psnr": _finite(self.overall),
+            "bands": {
+                name: {"psnr": _finite(decibels), "rmse": rmse, "peak": peak}
+                for name, decibels, rmse, peak in zip(
+                    self.bands, self.psnr, self.rmse, self.peak, strict=True
+                )
+            },
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def judge(
+    mesh: Mesh,
+    source: Source,
+    *,
+    model: Model = "linear",
+    fit: Fit = "least_squares",
+    bidx: Sequence[int] | None = None,
+    crs: Any = None,
+    workers: int | None = None,
+    progress: bool | Progress = False,
+) -> Fidelity:
+    """Return how faithfully a mesh shows a raster: `geomesh.Mesh.psnr`.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+        The raster that the mesh was made of, or another on the same pixels; it may be
+        larger than the mesh.
+    model : {"linear", "constant"}
+        Linear in each triangle between values at the nodes, or one value a triangle.
+    fit : {"least_squares", "sampled"}
+        How these values come from the raster: see `geomesh.surface.fit.fit_surface`.
+    bidx : sequence of int, optional
+        1-based bands, in place of those of which the mesh was made.
+    crs : str, int or pyproj.CRS, optional
+        Takes the place of the raster's own, as it did when the mesh was made.
+    workers, progress
+        As in `geomesh.mesh_raster`.
+
+    Raises
+    ------
+    GeomeshError
+        If the raster cannot be read, the mesh does not lie on its pixels, or no valid
+        pixel is in a triangle.
+
+    Examples
+    --------
+    >>> import geomesh
+    >>> scene = "data_samples/olinda_landsat7_rgb_uint8.tif"
+    >>> fidelity = geomesh.mesh_raster(scene).psnr(scene)
+    >>> round(fidelity.overall, 1)
+    27.1
+    """
+    scene = open_original(mesh, source, bidx=bidx, crs=crs)
+    with reporting(progress) as report, open_crew(workers) as crew, scene.open():
+        surface = fit_surface(
+            mesh.nodes,
+            mesh.triangles,
+            scene,
+            model=model,
+            fit=fit,
+            crew=crew,
+            progress=part_of(report, 0, 0.7),
+        )
+        return compare(surface, scene, crew, part_of(report, 0.7, 1))
+
+
+def compare(surface: Surface, scene: Scene, crew: Crew, progress: Progress) -> Fidelity:
+    """Return how faithfully a surface shows a scene.
+
+    Raises
+    ------
+    EmptyError
+        If no valid pixel of the scene is in a triangle.
+    """
+    work = walk(_compare_tile, surface, scene, crew, progress, "Comparing")
+    return summarise(scene, (errors for _, errors in work))
+
+
+def _compare_tile(task: Task) -> Errors:
+    scene, tile, surface = task
+    bands, valid = scene.read(tile.core)
+    return find_errors(surface.image(tile.core), bands, valid)
+
+
+def summarise(scene: Scene, parts: Iterable[Errors]) -> Fidelity:
+    """Return the fidelity to a scene from the errors of its tiles, summed in the order given."""
+    errors = reduce(add, parts)
+    if errors.pixels == 0:
+        raise EmptyError(
+            f"no valid pixel of {scene.name} is in a triangle: there is nothing to compare; "
+            "name the raster that the mesh was made of"
+        )
+    rmse = errors.norm / math.sqrt(errors.pixels)
+    peak = errors.high - errors.low
+    if scene.dtype == np.uint8:
+        peak = np.full(len(rmse), 255.0)
+    # A band of one value has no range; as a rule it has no error either.
+    share = np.divide(rmse, peak, out=rmse.copy(), where=peak > 0)
+    return Fidelity(
+        bands=tuple(band_names([band.description for band in scene.bands])),
+        pixels=errors.pixels,
+        peak=tuple(peak.tolist()),
+        rmse=tuple(rmse.tolist()),
+        psnr=tuple(psnr(rmse, peak).tolist()),
+        overall=float(psnr(math.sqrt(np.square(share).mean()), 1.0)),
+    )

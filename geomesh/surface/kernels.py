@@ -1,0 +1,99 @@
+"""The compiled loops of `geomesh.render`: a mesh's surface at pixel centres, and its fit there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.arrays.jit import kernel
+from geomesh.mesh.topology import Triangles
+from geomesh.raster.grid import Points
+from geomesh.zonal.rasterize import column_range, row_range, sort_corners
+
+Floats = NDArray[np.float64]
+Weights = tuple[float, float, float, float, float, float]
+
+
+@kernel
+def weigh(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Weights:
+    """Return what `shares` needs of a triangle: its first corner, and a matrix."""
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    return ax, ay, (cy - ay) / area, (ax - cx) / area, (ay - by) / area, (bx - ax) / area
+
+
+@kernel
+def shares(weights: Weights, row: int, col: int) -> tuple[float, float]:
+    """Return the barycentric coordinates of a pixel's centre at the second and third corner."""
+    ax, ay, bx, by, cx, cy = weights
+    x, y = col + 0.5 - ax, row + 0.5 - ay
+    return x * bx + y * by, x * cx + y * cy
+
+
+@kernel
+def paint_linear(
+    nodes: Points, triangles: Triangles, values: Floats, row: int, col: int, image: Floats
+) -> None:
+    """Fill `image` (B, h, w), which begins at pixel (row, col), from `values` (N, B)."""
+    count, height, width = image.shape
+    for t in range(len(triangles)):
+        a, b, c = triangles[t]
+        one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
+        corners, weights = sort_corners(*one), weigh(*one)
+        top, bottom = row_range(corners, row, row + height)
+        for r in range(top, bottom):
+            first, last = column_range(corners, r, col, col + width)
+            for k in range(first, last):
+                u, v = shares(weights, r, k)
+                for band in range(count):
+                    start = values[a, band]
+                    image[band, r - row, k - col] = (
+                        start + u * (values[b, band] - start) + v * (values[c, band] - start)
+                    )
+
+
+@kernel
+def project(
+    nodes: Points,
+    triangles: Triangles,
+    values: Floats,
+    bands: NDArray[Any],
+    valid: NDArray[np.bool_],
+    row: int,
+    col: int,
+    gram: Floats,
+    moments: Floats,
+) -> None:
+    """Add the normal equations of the pixels of `valid` (h, w), which begin at (row, col).
+
+    With the barycentric coordinates p, q, r of a pixel's centre, `gram` (T, 6) gets pp, pq,
+    pr, qq, qr, rr in the row of the triangle, and `moments` (N, B) what `bands` (B, h, w)
+    are above the surface of `values` (N, B), times p, q and r in the rows of the corners.
+    """
+    height, width = valid.shape
+    for t in range(len(triangles)):
+        a, b, c = triangles[t]
+        one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
+        corners, weights = sort_corners(*one), weigh(*one)
+        top, bottom = row_range(corners, row, row + height)
+        for r in range(top, bottom):
+            first, last = column_range(corners, r, col, col + width)
+            for k in range(first, last):
+                if not valid[r - row, k - col]:
+                    continue
+                u, v = shares(weights, r, k)
+                w = 1 - u - v
+                gram[t, 0] += w * w
+                gram[t, 1] += w * u
+                gram[t, 2] += w * v
+                gram[t, 3] += u * u
+                gram[t, 4] += u * v
+                gram[t, 5] += v * v
+                for band in range(len(bands)):
+                    start = values[a, band]
+                    surface = start + u * (values[b, band] - start) + v * (values[c, band] - start)
+                    above = np.float64(bands[band, r - row, k - col]) - surface
+                    moments[a, band] += w * above
+                    moments[b, band] += u * above
+                    moments[c, band] += v * above

@@ -1,0 +1,1 @@
+"""Pictures of a mesh: plots, the stages of the pipeline, notebooks."""

@@ -1,0 +1,182 @@
+"""A mesh in a notebook: what it is at a glance, and a map of it to look around in."""
+
+from __future__ import annotations
+
+import base64
+import importlib
+from collections.abc import Iterator
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from pyproj.exceptions import ProjError
+
+from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
+from geomesh.mesh.certificate import Certificate
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.view.thumbnail import brightened, parse_colors, thumbnail
+from geomesh.zonal import columns
+
+if TYPE_CHECKING:
+    import geopandas as gpd
+
+# A browser draws so many triangles without stuttering.
+MOST_EXPLORED = 20_000
+
+# Bands whose means are shown for the triangle under the mouse.
+_MOST_BANDS = 3
+
+_LABEL = "opacity:.65;white-space:nowrap"
+_GRID = "display:grid;grid-template-columns:max-content auto;gap:.1em 1em;align-items:baseline"
+
+
+def mesh_html(mesh: Mesh) -> str:
+    """Return a thumbnail of a mesh beside what it is, what it covers and its certificate.
+
+    HTML that needs nothing from elsewhere, on light pages and on dark ones.
+    """
+    title = f"{len(mesh.nodes):,} nodes, {len(mesh.triangles):,} triangles"
+    rows = "".join(
+        f'<div style="{_LABEL}">{label}</div><div>{told}</div>' for label, told in _facts(mesh)
+    )
+    return (
+        '<div style="display:flex;flex-wrap:wrap;gap:1.2em;align-items:flex-start">'
+        f"{_image(mesh)}"
+        '<div style="flex:1 1 20em">'
+        f'<div style="margin-bottom:.4em"><b>geomesh.Mesh</b>: {title}</div>'
+        f'<div style="{_GRID}">{rows}</div></div></div>'
+    )
+
+
+def _facts(mesh: Mesh) -> Iterator[tuple[str, str]]:
+    """Yield labels and what they tell, as HTML."""
+    grid, metadata = mesh.grid, mesh.metadata
+    name = metadata.get("source", {}).get("name")
+    size = f"{grid.width:,} × {grid.height:,} pixels"
+    yield "Source", f"{escape(str(name))}, {size}" if name else size
+    if grid.crs is None:
+        yield "CRS", "none"
+    else:
+        authority = grid.crs.to_authority()
+        yield "CRS", escape(":".join(authority) + ", " if authority else "") + escape(grid.crs.name)
+    west, south, east, north = (f"{number:.10g}" for number in grid.bounds())
+    yield "Bounds", f"x {west} to {east}, y {south} to {north}"
+    preset = metadata.get("recipe", {}).get("preset")
+    if preset:
+        yield "Preset", escape(str(preset))
+    certificate = mesh.certify()
+    yield "Smallest angle", f"{certificate.min_angle:.3g}°"
+    yield "Certificate", _checks(certificate)
+    warnings = metadata.get("warnings", ())
+    if warnings:
+        yield "Warnings", "<br/>".join(escape(str(warning)) for warning in warnings)
+
+
+def _checks(certificate: Certificate) -> str:
+    """How many checks hold, which opens to all of them; those that fail are shown at once."""
+    held = sum(check.passed for check in certificate.checks)
+    every = "".join(
+        f"<div>{'✓' if check.passed else '✗'} {escape(check.name)} "
+        f'<span style="opacity:.65">({escape(check.detail)})</span></div>'
+        for check in certificate.checks
+    )
+    mark = "✓" if certificate.passed else "✗"
+    opened = "" if certificate.passed else ' open=""'
+    return (
+        f"<details{opened}><summary>{mark} {held} of {len(certificate.checks)} checks hold"
+        f"</summary>{every}</details>"
+    )
+
+
+def _image(mesh: Mesh) -> str:
+    picture = thumbnail(mesh)
+    height, width = picture.shape[:2]
+    smallest = (cv2.IMWRITE_PNG_COMPRESSION, 9)
+    _, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA), smallest)
+    data = base64.b64encode(png.tobytes()).decode("ascii")
+    return (
+        f'<img width="{width}" height="{height}" alt="The mesh" '
+        f'src="data:image/png;base64,{data}"/>'
+    )
+
+
+def explore(
+    mesh: Mesh, column: str = "color", *, most: int | None = MOST_EXPLORED, **options: Any
+) -> Any:
+    """Show the triangles on a map that can be dragged and zoomed.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    column : str
+        What fills the triangles: "color" (the image's own mean colour) or any
+        other column of ``mesh.attributes("triangles")``.
+    most : int or None
+        Refuse meshes of more triangles, which make a browser stutter.
+    **options
+        As `geopandas.GeoDataFrame.explore` has them: ``tiles=None`` for a map without
+        a background from the network, ``m=`` to draw on a map that is there, ``cmap=``.
+
+    Returns
+    -------
+    folium.Map
+
+    Raises
+    ------
+    OutputError
+        If there are more triangles.
+    GeoreferenceError
+        If the mesh has no CRS, or none on Earth.
+    MissingExtraError
+        If folium, mapclassify or matplotlib is not installed.
+    """
+    count = len(mesh.triangles)
+    if most is not None and count > most:
+        raise OutputError(
+            f"{count:,} triangles are more than a browser shows at ease ({most:,}): mesh with "
+            f"nodes={most // 2} or a part with bounds=, or draw them with mesh.plot()"
+        )
+    attributes = mesh.attributes("triangles")
+    if column not in attributes:
+        raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
+    means = [name for name in attributes if name.endswith("_mean")][:_MOST_BANDS]
+    told = ["id", "area", *means]
+    filled: dict[str, Any] = {"column": column}
+    if column == "color":
+        filled = {"color": columns.colors(brightened(parse_colors(attributes["color"])))}
+    elif column not in told:
+        told.append(column)
+    shown = {"tooltip": told, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
+    frame = _on_earth(mesh)[[*told, "geometry"]]
+    return frame.explore(**{**shown, **filled, **options})
+
+
+def _on_earth(mesh: Mesh) -> gpd.GeoDataFrame:
+    """Return the triangles in longitude and latitude, if folium is there to show them."""
+    try:
+        for library in ("folium", "mapclassify", "matplotlib"):
+            importlib.import_module(library)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"{library} is not installed: pip install 'geomesh-toolkit[notebook]'"
+        ) from error
+    crs = mesh.grid.crs
+    if crs is None:
+        raise GeoreferenceError(
+            "the mesh has no CRS, so its place on the web map is unknown: mesh the raster with "
+            "crs='EPSG:...', or draw the mesh with mesh.plot()"
+        )
+    try:
+        frame = mesh.to_geodataframe().to_crs(4326)
+    except ProjError as error:
+        raise GeoreferenceError(
+            f"there is no way from {crs.name!r} to the longitude and latitude of the web map: draw "
+            "the mesh with mesh.plot()"
+        ) from error
+    if not np.isfinite(frame.total_bounds).all():
+        raise GeoreferenceError(
+            "some nodes have no longitude and latitude, which the web map needs: leave them out "
+            "with bounds= or mask=, or draw the mesh with mesh.plot()"
+        )
+    return frame

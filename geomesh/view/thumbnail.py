@@ -1,0 +1,84 @@
+"""A mesh as a small picture: whose pixel it is, in the colour of that triangle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.mesh.topology import FILL
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.raster.grid import Points, Window
+from geomesh.zonal.rasterize import owner
+
+# Longest and shortest side of a thumbnail, in pixels.
+_SIDES = (256, 8)
+
+# Triangles without a colour of their own, on white paper and on black.
+_GRAY = 128
+
+# Sides of triangles show, lighter by this share, where a triangle has so many pixels.
+_EDGE = 0.35
+_ROOM = 48
+
+_BRIGHTEST = 99
+
+
+def thumbnail(mesh: Mesh) -> NDArray[np.uint8]:
+    """Draw a mesh as the map shows it: y up, unless rows count it, and in proportion.
+
+    Returns
+    -------
+    uint8 (h, w, 4)
+        Red, green, blue and opacity, which is 0 where there is no triangle.
+    """
+    page, window = _on_page(mesh)
+    owners = owner(page, mesh.triangles, window)
+    drawn = owners != FILL
+    image = np.zeros((*window.shape, 4), np.uint8)
+    image[drawn, :3] = _colors(mesh, owners[drawn])
+    image[drawn, 3] = 255
+    if drawn.sum() > _ROOM * len(mesh.triangles):
+        edge = np.zeros(window.shape, np.bool_)
+        edge[:, 1:] |= owners[:, 1:] != owners[:, :-1]
+        edge[1:] |= owners[1:] != owners[:-1]
+        edge &= drawn
+        image[edge, :3] += ((255 - image[edge, :3]) * _EDGE).astype(np.uint8)
+    return image
+
+
+def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return 8-bit colours (..., 3), those of a dark image scaled up together.
+
+    Raw 8-bit satellite bands use the lower part of the range only; what is bright
+    enough stays as it is.
+    """
+    greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
+    return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
+
+
+def parse_colors(colors: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return red, green and blue (n, 3) of colours '#rrggbb' (n,)."""
+    names, where = np.unique(colors.astype("U7"), return_inverse=True)
+    rgb = [tuple(bytes.fromhex(name[1:])) for name in names.tolist()]
+    return np.array(rgb, np.uint8).reshape(-1, 3)[where]
+
+
+def _on_page(mesh: Mesh) -> tuple[Points, Window]:
+    """Return the nodes in pixels of the picture, and its window."""
+    grid = mesh.grid
+    west, south, east, north = grid.bounds()
+    width, height = east - west, (north - south) * grid.aspect
+    longest, shortest = _SIDES
+    scale = longest / max(width, height)
+    w, h = (max(round(side * scale), shortest) for side in (width, height))
+    x = (mesh.map_nodes[:, 0] - west) * (w / (east - west))
+    down = mesh.map_nodes[:, 1] - south if grid.y_runs_down else north - mesh.map_nodes[:, 1]
+    return np.column_stack([x, down * (h / (north - south))]), Window(0, 0, w, h)
+
+
+def _colors(mesh: Mesh, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
+    if "color" not in mesh.triangle_table or not len(triangles):
+        return np.full((len(triangles), 3), _GRAY, np.uint8)
+    return brightened(parse_colors(mesh.triangle_table["color"][triangles]))

@@ -1,0 +1,1 @@
+"""Which pixels a triangle holds, and their statistics."""

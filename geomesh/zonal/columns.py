@@ -1,0 +1,69 @@
+"""From band statistics to the columns of the attribute tables: names, values, colours."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.zonal.statistics import Statistics
+
+# Columns that the nodes have already; a band must not take the name of one.
+_TAKEN = frozenset(("id", "kind", "col", "row", "scale", "response", "octave", "angle"))
+_TAKEN |= frozenset(("fid", "bbox", "geometry", "geom"))
+# Nor one whose statistics would be called as measures are: ki_min, ki_mean.
+_TAKEN |= frozenset(("ki", "map_ki"))
+_LONGEST_NAME = 40
+
+
+def triangle_columns(
+    stats: Statistics,
+    band_names: Sequence[str],
+    which: Sequence[str] = ("mean", "std", "min", "max"),
+) -> dict[str, NDArray[Any]]:
+    """Return the triangles' columns: count, then <band>_<statistic> band by band."""
+    columns: dict[str, NDArray[Any]] = {"count": stats.count}
+    for band, name in enumerate(band_names):
+        columns |= {f"{name}_{statistic}": getattr(stats, statistic)[band] for statistic in which}
+    return columns
+
+
+def node_columns(stats: Statistics, band_names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return the nodes' columns: the value of each band, under its name."""
+    return {name: stats.node_values[band] for band, name in enumerate(band_names)}
+
+
+def band_names(descriptions: Sequence[str | None]) -> list[str]:
+    """Return a column name for each band: its description made safe, else b1, b2, ...
+
+    Lower-case letters, digits and underscores, first a letter, at most 40
+    characters, each name once and none that the nodes' own columns have.
+    """
+    names: list[str] = []
+    for number, description in enumerate(descriptions, start=1):
+        plain = unicodedata.normalize("NFKD", description or "").encode("ascii", "ignore").decode()
+        name = re.sub("[^a-z0-9]+", "_", plain.lower()).strip("_") or f"b{number}"
+        if not name[0].isalpha() or name in _TAKEN:
+            name = f"b_{name}"
+        name = name[:_LONGEST_NAME].rstrip("_")
+        stem, turn = name, 1
+        while name in names:
+            turn += 1
+            name = f"{stem[: _LONGEST_NAME - len(f'_{turn}')]}_{turn}"
+        names.append(name)
+    return names
+
+
+def colors(rgb: NDArray[np.uint8]) -> NDArray[np.str_]:
+    """Return colours (T, 3) as '#rrggbb', dtype '<U7'."""
+    digits = np.frombuffer(b"0123456789abcdef", np.uint8).astype("<u4")
+    codes = np.empty((len(rgb), 7), "<u4")
+    codes[:, 0] = ord("#")
+    codes[:, 1::2] = digits[rgb >> 4]
+    codes[:, 2::2] = digits[rgb & 15]
+    text: NDArray[np.str_] = codes.view("<U7")[:, 0]
+    return text
