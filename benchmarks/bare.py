@@ -55,17 +55,17 @@ def prepare(scene_path: Path, kept: Kept) -> None:
     import numpy as np
 
     import geomesh
+    from geomesh.features.canny import canny_thresholds
     from geomesh.features.gray_image import SceneGray
-    from geomesh.features.thresholds import canny_thresholds
     from geomesh.parallel.tiles import plan_tiles
-    from geomesh.parallel.workers import open_crew
+    from geomesh.parallel.workers import open_workers
     from geomesh.pipeline.mesh_scene import scene_tone
     from geomesh.raster.open import open_scene
     from geomesh.recipe import Recipe
 
     recipe, scene = Recipe(), open_scene(scene_path)
-    with open_crew(1) as crew, scene.open():
-        image = SceneGray(scene, scene_tone(scene, recipe, crew, lambda *_: None), recipe.sobel)
+    with open_workers(1) as workers, scene.open():
+        image = SceneGray(scene, scene_tone(scene, recipe, workers, lambda *_: None), recipe.sobel)
         gray = np.empty(image.extent.shape, np.uint8)
         for tile in plan_tiles(image.extent, halo=0):
             gray[tile.core.slices()] = image.read(tile.core)[0]
@@ -135,12 +135,14 @@ def statistics(scene_path: Path, kept: Kept) -> Timed:
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.raster.open import open_scene
     from geomesh.zonal.kernels import blend, scan_triangles
-    from geomesh.zonal.statistics import share_out
+    from geomesh.zonal.statistics import split_by_tiles
 
     mesh, scene, tasks = kept.load(kept.mesh), open_scene(scene_path), []
     tiles = plan_tiles(scene.grid.extent, halo=1)
     with scene.open():
-        for tile, share in zip(tiles, share_out(mesh.nodes, mesh.triangles, tiles), strict=True):
+        for tile, share in zip(
+            tiles, split_by_tiles(mesh.nodes, mesh.triangles, tiles), strict=True
+        ):
             bands, valid = scene.read(tile.read)
             count, (core, read) = len(share.triangle_ids), (tile.core, tile.read)
             chosen, origin = np.arange(count, dtype=np.int32), (read.row, read.col)
@@ -162,9 +164,9 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
     """Write ready batches of the three layers into one GeoPackage with spatial indexes."""
     import pyarrow as pa
     import pyogrio
+    from geomesh.formats.stream import BATCH_ROWS
 
     from geomesh.formats.arrow import Layer
-    from geomesh.formats.feed import BATCH_ROWS
     from geomesh.formats.format import GPKG
     from geomesh.mesh.triangle_mesh import LAYERS
 

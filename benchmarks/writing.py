@@ -12,11 +12,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pyogrio
+from geomesh.formats.stream import BatchStream
 
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.formats.arrow import Layer
-from geomesh.formats.feed import Feed
 from geomesh.formats.format import GPKG, LayerFile
 from geomesh.io.layer import _write_gdal
 from geomesh.io.write import write_mesh
@@ -51,7 +51,9 @@ def run(*, quick: bool) -> Iterator[Row]:
 
         def step() -> None:
             one.unlink(missing_ok=True)
-            _write_gdal(layer, LayerFile(mesh, LAYER, one, GPKG, "{}"), Feed(SimpleQueue()), None)
+            _write_gdal(
+                layer, LayerFile(mesh, LAYER, one, GPKG, "{}"), BatchStream(SimpleQueue()), None
+            )
 
         def step_peer() -> None:
             other.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ from rasterio.features import rasterize
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.raster.grid import Grid
-from geomesh.zonal.rasterize import owner
+from geomesh.zonal.rasterize import find_owners
 from geomesh.zonal.statistics import Statistics
 
 EXPECTED = 20.0
@@ -50,7 +50,7 @@ def run(*, quick: bool) -> Iterator[Row]:
     ours, (labels, *moments), table = results
     expected = None if quick else EXPECTED
     what = f"{len(faces):,} triangles, {size} x {size} x {len(bands)}"
-    owners = owner(nodes, faces, Grid(size, size).extent)
+    owners = find_owners(nodes, faces, Grid(size, size).extent)
     agree, evidence = _compare_owned(ours, owners, labels, moments)
     peer = "rasterize + bincount (mean, std)"
     yield Row(what, peer, times[0], times[1], expected, agree, evidence)

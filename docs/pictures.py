@@ -20,7 +20,7 @@ from PIL import Image
 
 import geomesh
 from geomesh.raster.open import open_scene
-from geomesh.view.plot import draw_stages, run_stages
+from geomesh.view.stages import draw_stages, run_stages
 
 SAMPLES = Path("data_samples")
 IMAGES = Path("docs/images")

@@ -6,6 +6,9 @@ protocol, batch scripts) see instead of the prose.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 def one_line(error: BaseException) -> str:
     """Return what an error says, or what caused it, in one line."""
@@ -84,3 +87,14 @@ class MissingExtraError(GeomeshError):
 
 class GeomeshWarning(UserWarning):
     """Something the user should know; the result stands."""
+
+
+@contextmanager
+def extra_required(library: str, extra: str) -> Iterator[None]:
+    """Raise MissingExtraError, which names the extra, if an import in the block fails."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(
+            f"{library} is not installed: pip install 'geomesh-toolkit[{extra}]'"
+        ) from error

@@ -1,9 +1,12 @@
-"""What values the parameters of a recipe may have."""
+"""The values that parameters may have: choices by name, and the rules of a recipe."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
+
+LayerName = Literal["triangles", "edges", "nodes"]
+LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
 
 GRAY_METHODS = ("auto", "luma", "mean", "pca")
 DOMAINS = ("valid", "image", "hull")

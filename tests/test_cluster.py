@@ -19,7 +19,7 @@ from test_workers import NODATA_EDGE, contents
 
 import geomesh
 from geomesh.errors import SourceError, WorkerError
-from geomesh.parallel.workers import open_crew
+from geomesh.parallel.workers import open_workers
 from geomesh.zonal import statistics as zonal
 
 dask = pytest.importorskip("dask")
@@ -135,16 +135,19 @@ def test_open_dataset_cannot_go_to_a_cluster(scene: Path, client: Any) -> None:
 
 def test_settings_of_the_caller_reach_the_cluster(client: Any) -> None:
     name = "GDAL_DISABLE_READDIR_ON_OPEN"
-    with rasterio.Env(**{name: "EMPTY_DIR"}), open_crew(executor=client.get_executor()) as crew:
-        found = list(crew.map(rasterio.env.get_gdal_config, [name]))
+    with (
+        rasterio.Env(**{name: "EMPTY_DIR"}),
+        open_workers(executor=client.get_executor()) as workers,
+    ):
+        found = list(workers.map(rasterio.env.get_gdal_config, [name]))
     assert found == ["EMPTY_DIR"]
 
 
 def test_names_of_tasks_hold_no_credentials(client: Any) -> None:
     """Dask shows them on its pages and in its logs."""
-    with rasterio.Env(), open_crew(executor=client.get_executor()) as crew:
+    with rasterio.Env(), open_workers(executor=client.get_executor()) as workers:
         rasterio.env.setenv(AWS_SECRET_ACCESS_KEY="very-secret")
-        results = crew.map(rasterio.env.get_gdal_config, ["AWS_SECRET_ACCESS_KEY"] * 4)
+        results = workers.map(rasterio.env.get_gdal_config, ["AWS_SECRET_ACCESS_KEY"] * 4)
         assert next(results) == "very-secret"
         keys = [str(key) for key in client.futures]
         assert list(results) == ["very-secret"] * 3

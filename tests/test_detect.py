@@ -10,21 +10,20 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
 from geomesh.features import detect as stage
-from geomesh.features.canny import Thresholds, canny, tile_edges, unite
-from geomesh.features.gray import fill_invalid
+from geomesh.features.canny import Thresholds, canny_edges, canny_thresholds, tile_edges, unite
+from geomesh.features.filters import fill_invalid
 from geomesh.features.gray_image import ArrayGray
 from geomesh.features.sift import Keypoints, detect_sift, labels_around, spread_evenly, thin
-from geomesh.features.thresholds import canny_thresholds
 from geomesh.parallel.tiles import plan_tiles
-from geomesh.parallel.workers import open_crew
+from geomesh.parallel.workers import open_workers
 from geomesh.raster.grid import Window
 from geomesh.recipe import Recipe
 
 
 def detect(image, recipe):
-    """Detect with a crew of two."""
-    with open_crew(2) as crew:
-        return stage.detect(image, recipe, crew, lambda _fraction, _message: None)
+    """Detect with a workers of two."""
+    with open_workers(2) as workers:
+        return stage.detect(image, recipe, workers, lambda _fraction, _message: None)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +100,7 @@ def test_hysteresis_is_exact_across_tiles(large, l2, low, high):
     gray = large[:500, :700]
     whole = cv2.Canny(gray, low, high, L2gradient=l2) > 0
     assert whole.any()
-    np.testing.assert_array_equal(canny(gray, Thresholds(low, high, l2)), whole)
+    np.testing.assert_array_equal(canny_edges(gray, Thresholds(low, high, l2)), whole)
     tiled = edges_by_tiles(gray, Thresholds(low, high, l2), core=128, halo=4)
     np.testing.assert_array_equal(tiled, whole)
 

@@ -17,7 +17,7 @@ from shapely import affinity
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
 from geomesh.features.overview import read_overview
-from geomesh.parallel.workers import open_crew
+from geomesh.parallel.workers import open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import open_scene
 from geomesh.raster.scene import Scene
@@ -370,8 +370,8 @@ def test_bounds_and_mask_whose_windows_overlap_only_are_an_error(name: str, recw
 
 
 def look_at(scene: Scene) -> None:
-    with open_crew(1) as crew, scene.open():
-        read_overview(scene, crew, lambda _fraction, _message: None)
+    with open_workers(1) as workers, scene.open():
+        read_overview(scene, workers, lambda _fraction, _message: None)
 
 
 # Errors

@@ -18,15 +18,15 @@ from shapely import box
 import geomesh
 from geomesh.errors import BandError, EmptyError, GeomeshWarning, GeoreferenceError
 from geomesh.io.read import read_mesh
-from geomesh.mesh.provenance import open_original
 from geomesh.mesh.topology import FILL
-from geomesh.parallel.workers import open_crew
+from geomesh.parallel.workers import open_workers
 from geomesh.raster.open import open_scene
 from geomesh.surface import fit as surface
 from geomesh.surface.fidelity import Fidelity, compare
 from geomesh.surface.fit import fit_surface
+from geomesh.surface.original import open_original
 from geomesh.zonal import statistics as zonal
-from geomesh.zonal.rasterize import owner
+from geomesh.zonal.rasterize import find_owners
 
 MODELS = ("linear", "constant")
 FITS = ("sampled", "least_squares")
@@ -84,7 +84,7 @@ def test_psnr_of_sampled_values_is_that_of_matplotlib_and_numpy(mesh, olinda):
 
 def test_psnr_of_constant_triangles_is_that_of_their_means_or_centroids(mesh, olinda):
     bands, _ = read(olinda)
-    owners = owner(mesh.nodes, mesh.triangles, mesh.grid.extent)
+    owners = find_owners(mesh.nodes, mesh.triangles, mesh.grid.extent)
     col, row = np.floor(mesh.nodes[mesh.triangles].mean(axis=1)).astype(int).T
     means = mesh.psnr(olinda, model="constant")
     held = mesh.psnr(olinda, model="constant", fit="sampled")
@@ -154,9 +154,11 @@ def test_an_unknown_model_or_fit_is_refused(mesh, olinda):
 
 
 def fit_and_compare(mesh, scene, workers=1, **how):
-    with open_crew(workers) as crew, scene.open():
-        made = fit_surface(mesh.nodes, mesh.triangles, scene, **how, crew=crew, progress=silent)
-        return made.values, compare(made, scene, crew, silent)
+    with open_workers(workers) as workers, scene.open():
+        made = fit_surface(
+            mesh.nodes, mesh.triangles, scene, **how, workers=workers, progress=silent
+        )
+        return made.values, compare(made, scene, workers, silent)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -323,7 +325,7 @@ def test_the_nodata_value_given_for_the_mesh_holds(olinda):
     found = mesh.psnr(olinda)
     bands, _ = read(olinda)
     valid = (bands != 60).all(axis=0)
-    owned = owner(mesh.nodes, mesh.triangles, mesh.grid.extent) != FILL
+    owned = find_owners(mesh.nodes, mesh.triangles, mesh.grid.extent) != FILL
     assert found.pixels == (valid & owned).sum() < valid.size
 
 

@@ -10,9 +10,11 @@ from matplotlib.image import imread
 
 import geomesh
 from geomesh.errors import OutputError
+from geomesh.raster.crop import middle
 from geomesh.raster.open import open_scene
 from geomesh.recipe import Recipe
-from geomesh.view.plot import draw_stages, middle, plot_mesh, run_stages, save_picture
+from geomesh.view.plot import plot_mesh, save_picture
+from geomesh.view.stages import draw_stages, run_stages
 
 
 def stages_of(source, **values):

@@ -20,7 +20,7 @@ import geomesh
 from geomesh.formats import geopackage
 from geomesh.formats.geopackage import PENDING, can_join
 from geomesh.io import write as vector
-from geomesh.io.gdal_process import Scribes
+from geomesh.io.gdal_process import WriterPool
 from geomesh.io.write import open_writer
 
 LAYERS = ("triangles", "edges", "nodes")
@@ -32,8 +32,11 @@ def mesh() -> geomesh.Mesh:
 
 
 def write(mesh: geomesh.Mesh, path: Path, count: int, layers: Any = LAYERS) -> Path:
-    """Write as the command does: by scribes, edges first."""
-    with Scribes(count) as scribes, open_writer(path, layers=layers, scribes=scribes) as writer:
+    """Write as the command does: by writer_pool, edges first."""
+    with (
+        WriterPool(count) as writer_pool,
+        open_writer(path, layers=layers, writer_pool=writer_pool) as writer,
+    ):
         writer.begin(mesh)
         writer.finish(mesh, lambda _fraction, _message: None)
     return path

@@ -27,12 +27,13 @@ from scipy.spatial import ConvexHull, Delaunay
 
 from geomesh.arrays.table import Table
 from geomesh.errors import CertificateError, GeoreferenceError, MeshFileError, OutputError
-from geomesh.io import batches, feed, verify
+from geomesh.io import batches, stream, verify
 from geomesh.io.read import read_mesh
 from geomesh.io.write import check_output, write_mesh
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.mesh.topology import boundary_edges, edge_keys
-from geomesh.mesh.triangle_mesh import LAYERS, Mesh
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.parameters import LAYERS
 from geomesh.raster.grid import Grid
 
 EXTENSIONS = (".gpkg", ".geojson", ".fgb", ".parquet")
@@ -164,7 +165,7 @@ def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_attributes_and_rows_are_read_back(
     tmp_path: Path, extension: str, layer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(feed, "BATCH_ROWS", 64)
+    monkeypatch.setattr(stream, "BATCH_ROWS", 64)
     mesh = random_mesh()
     frame = read(write_mesh(mesh, tmp_path / f"mesh{extension}", layers=[layer]), layer)
     expected = mesh.attributes(layer)
@@ -269,7 +270,7 @@ def test_metadata_is_valid_json_whatever_numbers_it_holds(tmp_path: Path) -> Non
 
 
 def test_geoparquet_can_be_read_by_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feed, "BATCH_ROWS", 50)
+    monkeypatch.setattr(stream, "BATCH_ROWS", 50)
     mesh = random_mesh()
     path = write_mesh(mesh, tmp_path / "mesh.parquet")
     west, south, east, north = mesh.grid.bounds()
@@ -570,7 +571,7 @@ class StopError(Exception):
 def test_stopping_midway_leaves_the_old_file(
     tmp_path: Path, extension: str, exception: type, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(feed, "BATCH_ROWS", 50)
+    monkeypatch.setattr(stream, "BATCH_ROWS", 50)
     path = tmp_path / f"mesh{extension}"
     path.write_text("mine")
     for when in (0.0, 0.5, 1.0):
@@ -594,7 +595,7 @@ def test_failure_while_making_a_batch_is_told_as_it_is(
         return whole(self, rows, *names, **options)
 
     whole = batches.Layer.batch
-    monkeypatch.setattr(feed, "BATCH_ROWS", 50)
+    monkeypatch.setattr(stream, "BATCH_ROWS", 50)
     monkeypatch.setattr(batches.Layer, "batch", fail)
     with pytest.raises(MemoryError, match="no more"):
         write_mesh(random_mesh(), tmp_path / f"mesh{extension}")
@@ -602,7 +603,7 @@ def test_failure_while_making_a_batch_is_told_as_it_is(
 
 
 def test_progress_runs_from_0_to_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feed, "BATCH_ROWS", 100)
+    monkeypatch.setattr(stream, "BATCH_ROWS", 100)
     told: list[tuple[float, str]] = []
     write_mesh(random_mesh(), tmp_path / "mesh.gpkg", progress=lambda *step: told.append(step))
     fractions = [fraction for fraction, _ in told]
@@ -621,9 +622,9 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path) -> None:
     pickled.write_bytes(pickle.dumps(random_mesh()))
     code = """
 import os, pickle, signal, sys
-from geomesh.formats import feed
+from geomesh.formats import batch_stream
 from geomesh.io.write import write_mesh
-feed.BATCH_ROWS = 50
+stream.BATCH_ROWS = 50
 def stop(fraction, message):
     if fraction > 0.5:
         os.kill(os.getpid(), signal.SIGKILL)

@@ -20,7 +20,8 @@ from scipy.spatial import Delaunay
 from geomesh.arrays.table import Table
 from geomesh.errors import MissingExtraError
 from geomesh.mesh.certificate import DomainFacts
-from geomesh.mesh.triangle_mesh import LAYERS, Mesh
+from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.parameters import LAYERS
 from geomesh.raster.grid import Grid
 
 UTM = CRS(32618)

@@ -22,8 +22,9 @@ from test_mesh import GRIDS, make_mesh
 import geomesh
 from geomesh.arrays.table import Table
 from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
+from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.raster.grid import Grid
-from geomesh.view.thumbnail import brightened, parse_colors, thumbnail
+from geomesh.view.thumbnail import thumbnail
 
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 

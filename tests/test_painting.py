@@ -20,7 +20,7 @@ from test_bad_output import PROGRAM, small_disk
 import geomesh
 from geomesh.errors import GeomeshWarning
 from geomesh.mesh.topology import FILL
-from geomesh.zonal.rasterize import owner
+from geomesh.zonal.rasterize import find_owners
 
 __all__ = ["command", "small_disk"]  # fixtures, used by their names
 
@@ -34,7 +34,7 @@ def mesh_of(source: Any, **options: Any) -> geomesh.Mesh:
 
 
 def owned(mesh: geomesh.Mesh) -> np.ndarray:
-    return owner(mesh.nodes, mesh.triangles, mesh.grid.extent) != FILL
+    return find_owners(mesh.nodes, mesh.triangles, mesh.grid.extent) != FILL
 
 
 @pytest.fixture(scope="module")

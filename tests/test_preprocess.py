@@ -13,16 +13,8 @@ from scipy import ndimage
 from scipy.spatial.distance import cdist
 
 from geomesh.errors import BandError
-from geomesh.features.gray import (
-    Tone,
-    fill_invalid,
-    fit_tone,
-    gray_weights,
-    resize,
-    sobel_enhance,
-    stretch_to_uint8,
-    to_gray,
-)
+from geomesh.features.filters import fill_invalid, resize, sobel_enhance
+from geomesh.features.gray import Tone, fit_tone, gray_weights, stretch_to_uint8, to_gray
 from geomesh.recipe import Recipe
 
 # Invalid pixels may hold anything; nobody wants to hear of it.

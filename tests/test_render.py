@@ -13,17 +13,10 @@ from scipy.spatial import Delaunay
 
 from geomesh.mesh.topology import FILL
 from geomesh.raster.grid import Window
-from geomesh.surface.paint import (
-    RIDGE,
-    complete,
-    find_errors,
-    normal_equations,
-    psnr,
-    reconstruct,
-    solve,
-    to_pixels,
-)
-from geomesh.zonal.rasterize import owner
+from geomesh.surface.fidelity import psnr, sum_errors
+from geomesh.surface.least_squares import RIDGE, complete, normal_equations, solve
+from geomesh.surface.paint import reconstruct, to_pixels
+from geomesh.zonal.rasterize import find_owners
 
 
 def random_mesh(rng, width, height, count, *, corners=True):
@@ -42,7 +35,7 @@ def centres(window):
 
 def design(nodes, triangles, window):
     """Pixels x nodes: the barycentric coordinates of the centres, and which have an owner."""
-    owners = owner(nodes, triangles, window).ravel()
+    owners = find_owners(nodes, triangles, window).ravel()
     x, y = (values.ravel() for values in centres(window))
     matrix = np.zeros((len(owners), len(nodes)))
     for pixel in np.flatnonzero(owners != FILL):
@@ -67,7 +60,7 @@ def test_linear_pictures_are_those_of_matplotlib(corners):
     values = rng.normal(1000, 300, (len(nodes), 2))
     window = Window(0, 0, 60, 45)
     image = reconstruct(nodes, triangles, values, window, "linear")
-    owned = owner(nodes, triangles, window) != FILL
+    owned = find_owners(nodes, triangles, window) != FILL
     assert (np.isnan(image) == ~owned).all()
     assert owned.all() == corners
     for band in range(2):
@@ -83,7 +76,7 @@ def test_constant_pictures_have_the_value_of_the_owner():
     nodes, triangles = random_mesh(rng, 60, 45, 80, corners=False)
     values = rng.normal(size=(len(triangles), 3))
     window = Window(0, 0, 60, 45)
-    owners = owner(nodes, triangles, window)
+    owners = find_owners(nodes, triangles, window)
     expected = np.where(owners == FILL, np.nan, values.T[:, owners])
     image = reconstruct(nodes, triangles, values, window, "constant")
     np.testing.assert_array_equal(image, expected)
@@ -157,7 +150,7 @@ def test_the_weight_of_the_first_values_costs_next_to_nothing():
     matrix, _ = design(nodes, triangles, window)
     _, (least,), *_ = np.linalg.lstsq(matrix, bands.ravel().astype(float), rcond=None)
     image = reconstruct(nodes, triangles, found, window, "linear")
-    assert least <= find_errors(image, bands, valid).norm[0] ** 2 < least * 1.001
+    assert least <= sum_errors(image, bands, valid).norm[0] ** 2 < least * 1.001
 
 
 def test_equations_of_windows_add_up():
@@ -201,7 +194,7 @@ def test_least_squares_never_err_more_than_the_values_they_begin_with(seed, widt
     valid = rng.random((height, width)) < share
     start = rng.normal(0, 100, (len(nodes), 1))
     errors = [
-        find_errors(reconstruct(nodes, triangles, values, window, "linear"), bands, valid)
+        sum_errors(reconstruct(nodes, triangles, values, window, "linear"), bands, valid)
         for values in (start, fitted(nodes, triangles, start, bands, valid, window))
     ]
     assert errors[1].pixels == valid.sum()
@@ -253,11 +246,11 @@ def test_errors_and_decibels_by_hand():
     bands = np.array([[[10, 20], [30, 40]]], np.uint8)
     image = np.array([[[13.0, 20], [26, np.nan]]])
     valid = np.array([[True, True], [True, True]])
-    errors = find_errors(image, bands, valid)
+    errors = sum_errors(image, bands, valid)
     assert (errors.pixels, errors.norm.tolist()) == (3, [5.0])
     assert (errors.low.tolist(), errors.high.tolist()) == ([10], [30])
-    half = find_errors(image, bands, np.array([[True, False], [True, False]]))
-    both = half + find_errors(image, bands, np.array([[False, True], [False, True]]))
+    half = sum_errors(image, bands, np.array([[True, False], [True, False]]))
+    both = half + sum_errors(image, bands, np.array([[False, True], [False, True]]))
     assert (both.pixels, both.norm, both.low, both.high) == (3, 5, 10, 30)
     # 10 log10(255^2 / (25 / 3)) = 48.1308 - 9.2082
     assert psnr(5 / math.sqrt(3), 255) == pytest.approx(38.9226, abs=1e-4)
@@ -267,7 +260,7 @@ def test_errors_and_decibels_by_hand():
 @pytest.mark.parametrize("size", [1e-300, 1, 1e300])
 def test_errors_of_any_size_are_told(size):
     bands, image = np.array([[[1.0, 2.0]]]) * size, np.array([[[4.0, 6.0]]]) * size
-    errors = find_errors(image, bands, np.ones((1, 2), bool))
+    errors = sum_errors(image, bands, np.ones((1, 2), bool))
     assert (errors + errors).norm[0] == pytest.approx(math.sqrt(50) * size, rel=1e-12)
     nodes = np.array([(0, 0), (2, 0), (0, 2), (2, 2.0)])
     triangles, window = np.array([(0, 1, 2), (1, 3, 2)], np.int32), Window(0, 0, 2, 1)

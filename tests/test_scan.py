@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay
 
 from geomesh.mesh.topology import FILL
 from geomesh.raster.grid import Window
-from geomesh.zonal.rasterize import column_range, owner, row_range, sort_corners
+from geomesh.zonal.rasterize import column_range, find_owners, row_range, sort_corners
 
 ONE = np.array([[0, 1, 2]], np.int32)
 
@@ -65,7 +65,7 @@ on_grid = st.sampled_from([1 / 256, 1 / 2, 1 / 4, 1]).flatmap(
 def test_ownership_is_that_of_exact_arithmetic(corners, order):
     window = Window(-2, -1, 12, 11)
     nodes = np.array(corners, float)[list(order)]
-    found = owner(nodes, ONE, window) == 0
+    found = find_owners(nodes, ONE, window) == 0
     np.testing.assert_array_equal(found, owned_exactly(corners, window))
 
 
@@ -80,7 +80,7 @@ def test_ownership_is_exact_in_triangles_of_65536_pixels(corners, data):
         (xa, ya), (xb, yb) = nodes[k], nodes[(k + 1) % 3]
         near = xa + (row + 0.5 - ya) * (xb - xa) / (yb - ya) if ya != yb else xa
         window = Window(int(np.clip(near, 0, 65536)) - 3, row, 6, 1)
-        found = owner(nodes, ONE, window) == 0
+        found = find_owners(nodes, ONE, window) == 0
         np.testing.assert_array_equal(found, owned_exactly(nodes, window))
 
 
@@ -95,7 +95,7 @@ def test_a_side_meets_a_pixel_centre_exactly_wherever_it_runs(along):
         first, last = 0.5 - before * step, 0.5 + after * step
         hand = rng.choice([-1, 1])
         apex = first + along * (last - first) + np.array([hand * 600, 0])
-        found = owner(np.array([first, last, apex]), ONE, Window(0, 0, 1, 1))
+        found = find_owners(np.array([first, last, apex]), ONE, Window(0, 0, 1, 1))
         assert (found[0, 0] == 0) == (hand > 0)
 
 
@@ -103,7 +103,7 @@ def test_a_side_through_pixel_centres_gives_them_to_the_right_hand_triangle():
     # The diagonal of a square passes through the centres of the pixels (k, k).
     nodes = np.array([(0, 0), (3, 0), (3, 3), (0, 3)], float)
     triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    found = owner(nodes, triangles, Window(0, 0, 3, 3))
+    found = find_owners(nodes, triangles, Window(0, 0, 3, 3))
     assert found.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
 
 
@@ -112,7 +112,8 @@ def test_a_corner_on_a_pixel_centre_belongs_to_the_triangle_right_of_it():
     to_the_left = np.array([(1.5, 1.5), (0.0, 1.0), (0.0, 2.0)])
     below = np.array([(1.5, 1.5), (2.5, 3.5), (1.5, 3.5)])
     owners = [
-        owner(nodes, ONE, Window(1, 1, 1, 1))[0, 0] for nodes in (to_the_right, to_the_left, below)
+        find_owners(nodes, ONE, Window(1, 1, 1, 1))[0, 0]
+        for nodes in (to_the_right, to_the_left, below)
     ]
     assert owners == [0, FILL, FILL]
 
@@ -126,7 +127,7 @@ def test_every_pixel_of_a_triangulated_rectangle_has_exactly_one_owner(seed, ste
     window = Window(-2, -2, width + 4, height + 4)
     times = np.zeros(window.shape, int)
     for triangle in triangles:
-        times += owner(nodes, triangle[None], window) == 0
+        times += find_owners(nodes, triangle[None], window) == 0
     expected = np.pad(np.ones((height, width), int), 2)
     np.testing.assert_array_equal(times, expected)
 
@@ -138,7 +139,7 @@ def test_pixels_have_one_owner_off_the_grid_too():
     triangles = Delaunay(nodes).simplices.astype(np.int32)
     times = np.zeros((50, 60), int)
     for triangle in triangles:
-        times += owner(nodes, triangle[None], Window(0, 0, 60, 50)) == 0
+        times += find_owners(nodes, triangle[None], Window(0, 0, 60, 50)) == 0
     assert (times == 1).all()
 
 
@@ -146,9 +147,9 @@ def test_pixels_have_one_owner_off_the_grid_too():
 @given(st.integers(0, 40), st.integers(0, 40), st.integers(1, 30), st.integers(1, 30))
 def test_a_window_sees_its_part_of_the_whole(col, row, width, height):
     nodes, triangles = rectangle_mesh(np.random.default_rng(5), 40, 40, 50)
-    whole = owner(nodes, triangles, Window(0, 0, 80, 80))
+    whole = find_owners(nodes, triangles, Window(0, 0, 80, 80))
     window = Window(col, row, width, height)
-    np.testing.assert_array_equal(owner(nodes, triangles, window), whole[window.slices()])
+    np.testing.assert_array_equal(find_owners(nodes, triangles, window), whole[window.slices()])
 
 
 def test_ranges_are_clipped_and_empty_outside():
@@ -166,14 +167,14 @@ def test_ranges_are_clipped_and_empty_outside():
 def test_triangles_without_area_own_nothing():
     flat = np.array([(0, 0), (4, 4), (8, 8), (0, 4), (9, 4)], float)
     triangles = np.array([[0, 1, 2], [3, 4, 1], [1, 1, 2], [2, 2, 2]], np.int32)
-    assert (owner(flat, triangles, Window(0, 0, 10, 10)) == FILL).all()
+    assert (find_owners(flat, triangles, Window(0, 0, 10, 10)) == FILL).all()
 
 
 def test_gdal_agrees_wherever_a_centre_is_clear_of_the_sides():
     rng = np.random.default_rng(11)
     width, height = 200, 150
     nodes, triangles = rectangle_mesh(rng, width, height, 1500)
-    found = owner(nodes, triangles, Window(0, 0, width, height))
+    found = find_owners(nodes, triangles, Window(0, 0, width, height))
     shapes = [
         ({"type": "Polygon", "coordinates": [nodes[[*t, t[0]]].tolist()]}, k)
         for k, t in enumerate(triangles)
@@ -195,4 +196,4 @@ def test_gdal_agrees_wherever_a_centre_is_clear_of_the_sides():
 def test_read_only_arrays_are_accepted(frozen):
     nodes, triangles = rectangle_mesh(np.random.default_rng(0), 8, 8, 5)
     nodes.flags.writeable = triangles.flags.writeable = not frozen
-    assert (owner(nodes, triangles, Window(0, 0, 8, 8)) != FILL).all()
+    assert (find_owners(nodes, triangles, Window(0, 0, 8, 8)) != FILL).all()

@@ -13,8 +13,8 @@ import pytest
 from test_io import assert_same, hidden, random_mesh
 
 from geomesh.errors import OutputError
-from geomesh.io import gdal_process as scribe
-from geomesh.io.gdal_process import Scribes
+from geomesh.io import gdal_process as writer
+from geomesh.io.gdal_process import WriterPool
 from geomesh.io.read import read_mesh
 from geomesh.io.write import open_writer, write_mesh
 
@@ -23,8 +23,8 @@ def silent(_fraction: float, _message: str) -> None:
     pass
 
 
-def write(mesh, path: Path, scribes: Scribes, **options) -> None:
-    with open_writer(path, scribes=scribes, **options) as writer:
+def write(mesh, path: Path, writer_pool: WriterPool, **options) -> None:
+    with open_writer(path, writer_pool=writer_pool, **options) as writer:
         writer.finish(mesh, silent)
 
 
@@ -33,9 +33,9 @@ def test_the_file_is_that_of_one_process(tmp_path: Path, extension: str) -> None
     mesh = random_mesh()
     one, other = tmp_path / f"one{extension}", tmp_path / f"other{extension}"
     write_mesh(mesh, one)
-    with Scribes(2) as scribes:
-        write(mesh, other, scribes)
-        write(mesh, other, scribes, overwrite=True)  # by the same processes
+    with WriterPool(2) as writer_pool:
+        write(mesh, other, writer_pool)
+        write(mesh, other, writer_pool, overwrite=True)  # by the same processes
     if extension == ".gpkg":
         assert_same(read_mesh(other), mesh)
         for layer in ("triangles", "edges", "nodes"):
@@ -48,43 +48,43 @@ def test_the_file_is_that_of_one_process(tmp_path: Path, extension: str) -> None
 def test_a_process_that_is_lost_is_told_and_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "mesh.gpkg"
     path.write_text("mine")
-    with Scribes(1) as scribes:
-        scribes.warm()
-        for each in scribes._idle:
+    with WriterPool(1) as writer_pool:
+        writer_pool.warm()
+        for each in writer_pool._idle:
             each._process.kill()
         with pytest.raises(OutputError, match=r"could not be written: the process .* code -?\d+"):
-            write(random_mesh(), path, scribes, overwrite=True, layers=["triangles"])
+            write(random_mesh(), path, writer_pool, overwrite=True, layers=["triangles"])
         assert path.read_text() == "mine"
         assert hidden(tmp_path) == []
-        write(random_mesh(), path, scribes, overwrite=True)  # by another one
+        write(random_mesh(), path, writer_pool, overwrite=True)  # by another one
 
 
 def test_what_the_library_says_comes_through(tmp_path: Path) -> None:
     rows = pa.table({"geometry": pa.array([b""], pa.binary())})
     options = {"path": str(tmp_path / "no" / "a.gpkg"), "driver": "GPKG", "layer": "a"}
     options |= {"geometry_name": "geometry", "geometry_type": "Point", "crs": None}
-    with Scribes(0) as scribes, pytest.raises(OSError, match="no"):
-        scribes.write(rows.schema, iter(rows.to_batches()), options)
+    with WriterPool(0) as writer_pool, pytest.raises(OSError, match="no"):
+        writer_pool.write(rows.schema, iter(rows.to_batches()), options)
 
 
 def test_dismissed_ones_stop_at_once(tmp_path: Path) -> None:
     def rows():
         yield from table.to_batches()
-        scribes.dismiss()
+        writer_pool.dismiss()
         yield from table.to_batches()
 
     table = pa.table({"geometry": pa.array([b"\1\1\0\0\0" + bytes(16)], pa.binary())})
     options = {"path": str(tmp_path / "a.gpkg"), "driver": "GPKG", "layer": "a"}
     options |= {"geometry_name": "geometry", "geometry_type": "Point", "crs": None}
-    with Scribes(1) as scribes:
+    with WriterPool(1) as writer_pool:
         with pytest.raises(OSError, match="ended with code"):
-            scribes.write(table.schema, rows(), options)
-        assert scribes._busy == set()
+            writer_pool.write(table.schema, rows(), options)
+        assert writer_pool._busy == set()
 
 
 def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
     code = (
-        "import sys; from geomesh.io.gdal_process import Scribes; s = Scribes(1); s.warm();"
+        "import sys; from geomesh.io.gdal_process import WriterPool; s = WriterPool(1); s.warm();"
         "print(s._idle[0]._process.pid, flush=True); import os; os._exit(0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -104,13 +104,13 @@ def test_modules_in_the_working_folder_are_not_taken(
     (tmp_path / "pyogrio.py").write_text("raise SystemExit(7)")
     (tmp_path / "json.py").write_text("raise SystemExit(7)")
     monkeypatch.chdir(tmp_path)
-    with Scribes(1) as scribes:
-        write(random_mesh(), tmp_path / "mesh.gpkg", scribes)
+    with WriterPool(1) as writer_pool:
+        write(random_mesh(), tmp_path / "mesh.gpkg", writer_pool)
     assert read_mesh(tmp_path / "mesh.gpkg").certify().passed
 
 
 def test_the_program_imports_nothing_of_geomesh() -> None:
     """It is started as a file, wherever the package lies."""
-    text = Path(scribe.__file__).read_text(encoding="utf-8")
+    text = Path(writer.__file__).read_text(encoding="utf-8")
     assert "import geomesh" not in text
     assert "from geomesh" not in text

@@ -31,7 +31,7 @@ from test_bad_output import PROGRAM
 import geomesh
 from geomesh.errors import SourceError, WorkerError
 from geomesh.parallel import workers
-from geomesh.parallel.workers import Crew, open_crew
+from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.gdal import CACHE_BYTES
 from geomesh.raster.scene import Scene
 
@@ -262,8 +262,8 @@ def test_tasks_are_made_when_they_are_wanted(small: Path) -> None:
             made += 1
             yield number
 
-    with open_crew(2) as crew:
-        for done, result in enumerate(crew.map(abs, tasks())):
+    with open_workers(2) as workers:
+        for done, result in enumerate(workers.map(abs, tasks())):
             assert result == done
             assert made <= done + 5
 
@@ -361,9 +361,9 @@ def test_settings_of_the_process_are_restored_when_the_last_mesh_is_done(olinda:
     try:
         cv2.setNumThreads(3)
         set_gdal_config("GDAL_CACHEMAX", 77_000_000)
-        first, second = open_crew(1), open_crew(1)
-        for crew in (first, second):
-            list(crew.__enter__().map(abs, [1]))
+        first, second = open_workers(1), open_workers(1)
+        for workers in (first, second):
+            list(workers.__enter__().map(abs, [1]))
         first.__exit__(None, None, None)
         inside.append((cv2.getNumThreads(), get_gdal_config("GDAL_CACHEMAX")))
         second.__exit__(None, None, None)
@@ -385,11 +385,11 @@ def option_of(name: str) -> Any:
 def test_settings_of_the_caller_reach_the_workers(pool: ProcessPoolExecutor, apart: bool) -> None:
     ask = partial(map, option_of)
     options = ["GDAL_DISABLE_READDIR_ON_OPEN", "AWS_SECRET_ACCESS_KEY", "GDAL_CACHEMAX"]
-    with open_crew(None if apart else 2, pool if apart else None) as crew:
+    with open_workers(None if apart else 2, pool if apart else None) as workers:
         with rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_CACHEMAX=64_000_000):
             rasterio.env.setenv(AWS_SECRET_ACCESS_KEY="xyz")
-            assert list(crew.map(option_of, options)) == ["EMPTY_DIR", "xyz", 64_000_000]
-        assert list(crew.map(option_of, options)) == [None, None, CACHE_BYTES]
+            assert list(workers.map(option_of, options)) == ["EMPTY_DIR", "xyz", 64_000_000]
+        assert list(workers.map(option_of, options)) == [None, None, CACHE_BYTES]
     assert list(ask(options[:2])) == [None, None]
 
 
@@ -421,10 +421,10 @@ def die(_task: int) -> None:
 def test_worker_that_dies_is_told_of(small: Path) -> None:
     with (
         processes() as executor,
-        open_crew(executor=executor) as crew,
+        open_workers(executor=executor) as workers,
         pytest.raises(WorkerError) as lost,
     ):
-        list(crew.map(die, [1, 2, 3]))
+        list(workers.map(die, [1, 2, 3]))
     assert re.match("a worker was lost .*use fewer workers, or give them more", str(lost.value))
     assert "\n" not in str(lost.value)
 
@@ -513,14 +513,14 @@ def test_raster_that_is_replaced_by_another_is_noticed(
 def test_one_crew_works_on_all_sources(
     tmp_path: Path, small: Path, olinda: Path, command: Geomesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    crews: list[Crew] = []
+    crews: list[Workers] = []
 
-    class Recorded(Crew):
+    class Recorded(Workers):
         def __init__(self, *given: Any) -> None:
             super().__init__(*given)
             crews.append(self)
 
-    monkeypatch.setattr(workers, "Crew", Recorded)
+    monkeypatch.setattr(workers, "Workers", Recorded)
     bad = tmp_path / "bad.tif"
     bad.write_bytes(small.read_bytes()[: small.stat().st_size // 2])
     output = tmp_path / "out"

@@ -19,10 +19,11 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import Delaunay
 from shapely import Polygon, polygons
 
+from geomesh.mesh.colors import colors
 from geomesh.parallel.tiles import plan_tiles
 from geomesh.raster.grid import Window
-from geomesh.zonal.columns import band_names, colors, node_columns, triangle_columns
-from geomesh.zonal.rasterize import owner
+from geomesh.zonal.columns import band_names, node_columns, triangle_columns
+from geomesh.zonal.rasterize import find_owners
 from geomesh.zonal.statistics import measure_tile, merge
 
 DTYPES = ["uint8", "int16", "uint16", "int64", "uint64", "float32", "float64", ">u2", "float16"]
@@ -71,7 +72,7 @@ def test_statistics_agree_with_gdal_and_bincount(scene):
     nodes = np.where((nodes > 0) & (nodes < (90, 70)), nodes + 2**-10, nodes)
     rings = polygons(nodes[triangles[:, [0, 1, 2, 0]]])
     labels = rasterize(zip(rings, range(len(rings)), strict=True), out_shape=(70, 90), fill=-1)
-    np.testing.assert_array_equal(labels, owner(nodes, triangles, Window(0, 0, 90, 70)))
+    np.testing.assert_array_equal(labels, find_owners(nodes, triangles, Window(0, 0, 90, 70)))
     found = statistics(nodes, triangles, bands, valid)
     expected_count = np.bincount(labels[valid], minlength=len(triangles))
     np.testing.assert_array_equal(found.count, expected_count)
@@ -173,7 +174,7 @@ def test_small_noise_on_large_values_keeps_its_digits(core, rtol, outlier):
     noise = np.round(rng.normal(0, 0.01, (1, 40, 40)) * 2**20) / 2**20
     if outlier:
         noise[0, 0, 0] = 2.0**10
-    owners = owner(nodes, triangles, Window(0, 0, 40, 40))
+    owners = find_owners(nodes, triangles, Window(0, 0, 40, 40))
     found = statistics(nodes, triangles, noise + 1e9, core=core)
     # 1e9 + noise is exact in steps of 2^-20, so the noise alone tells the truth.
     mean, std, *_ = by_labels(owners, noise[0], np.ones((40, 40), bool), len(triangles))

@@ -10,7 +10,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import layer_options, output_options
-from geomesh.cli.outputs import keep_inputs
+from geomesh.cli.outputs import protect_inputs
 
 
 @click.command()
@@ -43,9 +43,9 @@ def convert(
     with guarded(console, debug) as failures, console.progress() as report:
         from geomesh.io.read import read_mesh
         from geomesh.io.write import check_output, write_mesh
-        from geomesh.parallel.tiles import part_of
+        from geomesh.parallel.progress import part_of
 
-        keep_inputs([output], [mesh_file])
+        protect_inputs([output], [mesh_file])
         check_output(output, overwrite=overwrite, driver=driver)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)

@@ -11,7 +11,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import numbers, output_options
-from geomesh.cli.outputs import keep_inputs
+from geomesh.cli.outputs import protect_inputs
 from geomesh.errors import EmptyError
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def evaluate(
             from geomesh.evaluate.run import evaluate as evaluate_images
 
             images = find_images(sources)
-            keep_inputs(outputs, images)
+            protect_inputs(outputs, images)
             _check_outputs(output, figure, overwrite)
             comparison = evaluate_images(
                 images, bidx=bidx, nodata=nodata, workers=workers, progress=report
@@ -117,13 +117,13 @@ def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> N
         check_place(Path(output), overwrite=overwrite)
     if figure is not None:
         import geomesh.evaluate.figure  # noqa: F401  (says so if matplotlib is not there)
-        from geomesh.view.plot import check_picture
+        from geomesh.io.picture import check_picture
 
         check_picture(figure, overwrite=overwrite)
 
 
 def _draw(comparison: Comparison, figure: str, overwrite: bool) -> None:
     from geomesh.evaluate.figure import draw_comparison
-    from geomesh.view.plot import save_picture
+    from geomesh.io.picture import save_picture
 
     save_picture(draw_comparison(comparison), figure, overwrite=overwrite)

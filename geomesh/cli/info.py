@@ -68,14 +68,15 @@ def _describe_mesh(path: str) -> dict[str, Any]:
 
 def _describe_raster(path: str) -> dict[str, Any]:
     from geomesh.features.overview import read_overview
+    from geomesh.parallel.progress import silent
     from geomesh.parallel.tiles import plan_tiles
-    from geomesh.parallel.workers import open_crew
+    from geomesh.parallel.workers import open_workers
     from geomesh.raster.open import open_scene
 
     scene = open_scene(path)
     grid = scene.grid
-    with open_crew() as crew, scene.open():
-        _, valid = read_overview(scene, crew, lambda _fraction, _message: None)
+    with open_workers() as workers, scene.open():
+        _, valid = read_overview(scene, workers, silent)
     return {
         "raster": str(path),
         "size": [grid.width, grid.height],

@@ -16,8 +16,9 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
-from geomesh.cli.outputs import keep_inputs
+from geomesh.cli.outputs import protect_inputs
 from geomesh.errors import OutputError
+from geomesh.formats.registry import EXTENSIONS, find_format
 from geomesh.parameters import STATISTICS
 
 # A process writes each layer of a GeoPackage, as far as there are cores.
@@ -98,7 +99,7 @@ def mesh(
     with guarded(console, debug) as failures:
         recipe = build_recipe(**recipe_options)
         planned, folder = _plan(sources, output, driver)
-        keep_inputs(
+        protect_inputs(
             [job.output for job in planned],
             [*sources, reading["mask"], recipe_options["recipe_file"]],
         )
@@ -107,13 +108,13 @@ def mesh(
     with ExitStack() as stack:
         with guarded(console, debug) as problems:
             if jobs:
-                from geomesh.io.gdal_process import Scribes
+                from geomesh.io.gdal_process import WriterPool
 
-                scribes = stack.enter_context(
-                    Scribes(min(workers or os.cpu_count() or 1, _MOST_LAYERS))
+                writer_pool = stack.enter_context(
+                    WriterPool(min(workers or os.cpu_count() or 1, _MOST_LAYERS))
                 )
-                scribes.warm()  # they load while this process does
-                crew = stack.enter_context(_open_crew(workers, scheduler))
+                writer_pool.warm()  # they load while this process does
+                team = stack.enter_context(_open_workers(workers, scheduler))
                 from geomesh.pipeline.mesh_file import mesh_file
         if problems:
             failures, jobs = failures + problems, []
@@ -125,8 +126,8 @@ def mesh(
                     job.source,
                     job.output,
                     recipe=recipe,
-                    crew=crew,
-                    scribes=scribes,
+                    workers=team,
+                    writer_pool=writer_pool,
                     progress=report,
                     layers=layers,
                     driver=driver,
@@ -157,15 +158,15 @@ def mesh(
     sys.exit(1 if failures else 0)
 
 
-def _open_crew(workers: int | None, scheduler: str | None) -> Any:
-    """Return the crew as a context: threads, or those of the cluster."""
+def _open_workers(workers: int | None, scheduler: str | None) -> Any:
+    """Return the workers as a context: threads, or those of the cluster."""
     if scheduler is None:
-        from geomesh.parallel.workers import open_crew
+        from geomesh.parallel.workers import open_workers
 
-        return open_crew(workers)
-    from geomesh.parallel.dask import open_cluster
+        return open_workers(workers)
+    from geomesh.parallel.dask import open_dask_workers
 
-    return open_cluster(scheduler)
+    return open_dask_workers(scheduler)
 
 
 def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list[Job], Path | None]:
@@ -176,9 +177,8 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
         return [Job(sources[0], folder)], None
-    from geomesh.formats.format import find_format
 
-    if folder.suffix.lower() in _extensions() and not folder.is_dir():
+    if folder.suffix.lower() in EXTENSIONS and not folder.is_dir():
         raise OutputError(f"{output} is the name of one file; for several rasters name a folder")
     if folder.exists() and not folder.is_dir():
         raise OutputError(
@@ -211,12 +211,6 @@ def _make_folder(folder: Path) -> bool:
     except OSError as error:
         raise OutputError(f"the folder {folder} cannot be made: {error.strerror}") from error
     return True
-
-
-def _extensions() -> set[str]:
-    from geomesh.formats.format import FORMATS
-
-    return {extension for known in FORMATS for extension in known.extensions}
 
 
 def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:

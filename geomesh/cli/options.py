@@ -37,7 +37,7 @@ def numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> 
 
 
 def _budget(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
-    """Parse a number as a number; anything else is for the recipe to judge."""
+    """Parse a number as a number; anything else is for the recipe to measure_fidelity."""
     return int(value) if value is not None and value.isdecimal() else value
 
 

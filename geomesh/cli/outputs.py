@@ -12,7 +12,7 @@ from geomesh.errors import OutputError
 _INSIDE = re.compile(r"[A-Za-z0-9_]{2,}:(?:\"([^\"]+)\"|(.+?))(?::[^:]*)?")
 
 
-def keep_inputs(outputs: Iterable[str | Path], inputs: Iterable[str | None]) -> None:
+def protect_inputs(outputs: Iterable[str | Path], inputs: Iterable[str | None]) -> None:
     """Refuse outputs that would take the place of something that is read.
 
     Raises

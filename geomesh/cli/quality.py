@@ -11,7 +11,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import output_options
-from geomesh.cli.outputs import keep_inputs
+from geomesh.cli.outputs import protect_inputs
 
 
 @click.command()
@@ -54,10 +54,10 @@ def quality(
     with guarded(console, debug) as failures, console.progress() as report:
         from geomesh.io.read import read_mesh
         from geomesh.io.write import check_output, write_mesh
-        from geomesh.parallel.tiles import part_of
+        from geomesh.parallel.progress import part_of
 
         if output is not None:
-            keep_inputs([output], [mesh_file])
+            protect_inputs([output], [mesh_file])
             check_output(output, overwrite=overwrite)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)

@@ -10,7 +10,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import numbers, output_options
-from geomesh.cli.outputs import keep_inputs
+from geomesh.cli.outputs import protect_inputs
 
 if TYPE_CHECKING:
     from geomesh.surface.fidelity import Fidelity
@@ -113,9 +113,9 @@ def render(
         from geomesh.io.geotiff import check_geotiff
         from geomesh.io.read import read_mesh
         from geomesh.io.render import render_file
-        from geomesh.parallel.tiles import part_of
+        from geomesh.parallel.progress import part_of
 
-        keep_inputs([output], [mesh_file, source])
+        protect_inputs([output], [mesh_file, source])
         check_geotiff(output, overwrite=overwrite)
         report(0.0, "Reading the mesh")
         fidelity = render_file(

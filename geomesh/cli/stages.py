@@ -11,7 +11,7 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import build_recipe, output_options, raster_options
-from geomesh.cli.outputs import keep_inputs
+from geomesh.cli.outputs import protect_inputs
 
 
 @click.command()
@@ -44,11 +44,12 @@ def stages(
     console = open_console(progress, quiet=as_json)
     console.start("stages", source)
     with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.io.picture import check_picture, save_picture
         from geomesh.raster.open import open_scene
-        from geomesh.view.plot import check_picture, draw_stages, run_stages, save_picture
+        from geomesh.view.stages import draw_stages, run_stages
 
         recipe = build_recipe(**recipe_options)
-        keep_inputs([output], [source, reading["mask"], recipe_options["recipe_file"]])
+        protect_inputs([output], [source, reading["mask"], recipe_options["recipe_file"]])
         check_picture(output, overwrite=overwrite)
         scene = open_scene(source, **reading)
         found = run_stages(scene, recipe, report)

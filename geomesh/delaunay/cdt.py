@@ -9,9 +9,10 @@ import pythoncdt
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
+from geomesh.arrays.types import Triangles
 from geomesh.delaunay.ties import break_ties
 from geomesh.errors import CertificateError, one_line
-from geomesh.mesh.topology import FILL, Triangles, edge_keys
+from geomesh.mesh.topology import FILL, edge_keys
 
 # What hangs on the vertices of the engine's super-triangle, its first three, goes.
 _AUXILIARY = 3

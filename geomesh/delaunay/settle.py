@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
-from geomesh.mesh.topology import FILL, Triangles
+from geomesh.arrays.types import Triangles
+from geomesh.mesh.topology import FILL
 
 # Far above what a few operations in float64 err by, relative to the sum of magnitudes.
 _ERROR = 1e-14

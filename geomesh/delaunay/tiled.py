@@ -36,11 +36,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
+from geomesh.arrays.types import Triangles
 from geomesh.delaunay import cdt
 from geomesh.delaunay.kd_split import split
 from geomesh.delaunay.settle import gather_groups, mark_touched, settle, unsettled_points
 from geomesh.errors import CertificateError
-from geomesh.mesh.topology import FILL, Triangles
+from geomesh.mesh.topology import FILL
 
 
 class _Settled(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
+from geomesh.arrays.types import Triangles
 from geomesh.delaunay import cdt, tiled
-from geomesh.mesh.topology import Triangles
 
 # Above so many points the engine gets them tile by tile, and its memory stays that of
 # a tile. The result is the same.

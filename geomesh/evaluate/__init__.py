@@ -1,1 +1,5 @@
 """The presets compared with other ways to choose nodes, as in the paper's Table 1."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

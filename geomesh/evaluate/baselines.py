@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
-from geomesh.features.canny import canny
-from geomesh.features.gray import Gray
+from geomesh.arrays.types import Gray, Mask, Points
+from geomesh.features.canny import canny_edges, canny_thresholds
 from geomesh.features.gray_image import ArrayGray
-from geomesh.features.thresholds import canny_thresholds
-from geomesh.raster.grid import Points, snap
+from geomesh.raster.grid import snap
 from geomesh.recipe import Recipe
 
-Mask = NDArray[np.bool_]
 Baseline = Callable[[Gray, Mask, int], Points]
 
 GREEDY = "greedy insertion"
@@ -97,7 +95,7 @@ def canny_pixels(gray: Gray, valid: Mask, n: int) -> Points:
     The thresholds are those that the `features` preset takes.
     """
     thresholds = canny_thresholds(ArrayGray.whole(gray, valid), Recipe())
-    return _draw(canny(gray, thresholds, valid) & valid, n)
+    return _draw(canny_edges(gray, thresholds, valid) & valid, n)
 
 
 def shi_tomasi(gray: Gray, valid: Mask, n: int) -> Points:

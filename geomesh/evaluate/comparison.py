@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geomesh.errors import OutputError
-from geomesh.io.atomic import check_place, staged
+from geomesh.arrays.plain import plain_json
+from geomesh.io.atomic import check_place, staged, writing_to
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,9 +45,9 @@ class Figures:
     angle_mean, angle_median, angle_p5 : float
         Of the triangles' smallest angles, in degrees; p5 is the 5th percentile.
     angle_under_10 : float
-        Share of triangles whose smallest angle is under 10 degrees.
+        TileMesh of triangles whose smallest angle is under 10 degrees.
     covered : float
-        Share of the valid pixels that lie in a triangle: those that PSNR is counted over,
+        TileMesh of the valid pixels that lie in a triangle: those that PSNR is counted over,
         but for `psnr_whole`.
     psnr_linear_sampled, psnr_linear_least_squares : float
         PSNR in dB of the surface that is linear in each triangle, its values at the nodes
@@ -234,7 +234,7 @@ class Comparison:
             "failed": [],
         }
         for row in self.rows():
-            plain = {name: _plain(value) for name, value in row.items() if name != "row"}
+            plain = {name: plain_json(value) for name, value in row.items() if name != "row"}
             rows[row["row"]].append(plain)
         failed = rows.pop("failed")
         return {"results": rows.pop("image"), **rows, "failures": failed, "failed": len(failed)}
@@ -248,21 +248,16 @@ class Comparison:
             If the file exists and is not to be replaced, or cannot be written.
         """
         check_place(Path(path), overwrite=overwrite)
-        try:
-            with (
-                staged(Path(path), ".csv", overwrite=overwrite) as temporary,
-                temporary.open("w", newline="", encoding="utf-8") as file,
-            ):
-                writer = csv.DictWriter(file, COLUMNS)
-                writer.writeheader()
-                writer.writerows(
-                    {name: _cell(value) for name, value in row.items()} for row in self.rows()
-                )
-        except OSError as error:
-            raise OutputError(
-                f"{path} could not be written: {error.strerror or error}; free some space or "
-                "choose another folder"
-            ) from error
+        with (
+            writing_to(Path(path)),
+            staged(Path(path), ".csv", overwrite=overwrite) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as file,
+        ):
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(
+                {name: _cell(value) for name, value in row.items()} for row in self.rows()
+            )
 
 
 COLUMNS = (
@@ -284,10 +279,6 @@ def _average(plane: str, method: str, records: tuple[Record, ...]) -> Average:
 
 def _named(values: np.ndarray[Any, Any]) -> Figures:
     return Figures(**dict(zip(MEASURES, map(float, values), strict=True)))
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _cell(value: Any) -> Any:

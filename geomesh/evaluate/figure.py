@@ -7,16 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.errors import MissingExtraError
+from geomesh.errors import extra_required
 from geomesh.evaluate.comparison import Comparison
 
-try:
+with extra_required("matplotlib", "evaluate"):
     from matplotlib import rc_context
     from matplotlib.figure import Figure
-except ImportError as error:
-    raise MissingExtraError(
-        "matplotlib is not installed: pip install 'geomesh-toolkit[evaluate]'"
-    ) from error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,19 +16,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from geomesh.arrays.types import Gray, Points, Triangles
 from geomesh.delaunay.triangulate import delaunay
 from geomesh.evaluate.baselines import baselines
-from geomesh.features.detect import Detection, detect, shrink
-from geomesh.features.gray import Gray
+from geomesh.features.detect import Detection, detect_keypoints, shrink
 from geomesh.features.gray_image import SceneGray
-from geomesh.mesh.topology import Triangles
-from geomesh.parallel.workers import Crew
-from geomesh.pipeline.mesh_scene import scene_tone, triangulate
+from geomesh.parallel.progress import silent
+from geomesh.parallel.workers import Workers
+from geomesh.pipeline.mesh_scene import scene_tone, triangulate_nodes
 from geomesh.pipeline.nodes import NodeSet, place_nodes
-from geomesh.raster.grid import Grid, Points
+from geomesh.raster.crop import middle
+from geomesh.raster.grid import Grid
 from geomesh.raster.scene import Scene
 from geomesh.recipe import Recipe
-from geomesh.view.plot import middle
 
 PAPER, FEATURES = "paper", "features"
 
@@ -64,7 +64,7 @@ class Plane:
             yield method, (points[used], np.searchsorted(used, triangles).astype(np.int32))
 
 
-def paper_plane(scene: Scene, crew: Crew) -> Plane:
+def paper_plane(scene: Scene, workers: Workers) -> Plane:
     """Return the gray image at 256 x 256 pixels, with the mesh of the `paper` preset.
 
     The `features` preset gets the same gray image, and as many nodes. Where the `paper`
@@ -73,44 +73,44 @@ def paper_plane(scene: Scene, crew: Crew) -> Plane:
     """
     recipe = Recipe.from_preset(PAPER)
     assert recipe.resize is not None
-    tone = scene_tone(scene, recipe, crew, _silent)
-    plain, _ = shrink(SceneGray(scene, tone, sobel=False), recipe.resize, crew, _silent)
-    detection = detect(SceneGray(scene, tone, recipe.sobel), recipe, crew, _silent)
-    nodes, published = _mesh(detection, scene.grid, recipe, crew)
+    tone = scene_tone(scene, recipe, workers, silent)
+    plain, _ = shrink(SceneGray(scene, tone, sobel=False), recipe.resize, workers, silent)
+    detection = detect_keypoints(SceneGray(scene, tone, recipe.sobel), recipe, workers, silent)
+    nodes, published = _mesh(detection, scene.grid, recipe, workers)
     if nodes.domain.kind != recipe.domain:  # the frame, for want of keypoints
         nothing = np.empty((0, 2)), np.empty((0, 3), np.int32)
         return Plane(plain.gray, plain.valid, 0, {PAPER: nothing})
     wanted = len(nodes.points)
     other = Recipe.from_preset(FEATURES).with_values(nodes=wanted)
-    _, ours = _mesh(detect(plain, other, crew, _silent), Grid(*recipe.resize), other, crew)
+    _, ours = _mesh(
+        detect_keypoints(plain, other, workers, silent), Grid(*recipe.resize), other, workers
+    )
     return Plane(plain.gray, plain.valid, wanted, {PAPER: published, FEATURES: ours})
 
 
-def native_plane(scene: Scene, crew: Crew) -> Plane:
+def native_plane(scene: Scene, workers: Workers) -> Plane:
     """Return the gray image at its own resolution, with the mesh of the `features` preset."""
     recipe = Recipe.from_preset(FEATURES)
     scene = middle(scene)
-    image = SceneGray(scene, scene_tone(scene, recipe, crew, _silent), recipe.sobel)
-    nodes, mesh = _mesh(detect(image, recipe, crew, _silent), scene.grid, recipe, crew)
+    image = SceneGray(scene, scene_tone(scene, recipe, workers, silent), recipe.sobel)
+    nodes, mesh = _mesh(
+        detect_keypoints(image, recipe, workers, silent), scene.grid, recipe, workers
+    )
     gray, valid = image.read(image.extent)
     return Plane(gray, valid, len(nodes.points), {FEATURES: mesh})
 
 
 def _mesh(
-    detection: Detection, grid: Grid, recipe: Recipe, crew: Crew
+    detection: Detection, grid: Grid, recipe: Recipe, workers: Workers
 ) -> tuple[NodeSet, PlaneMesh]:
     """Return the mesh as the pipeline makes it, and its shape in the plane."""
     chosen = place_nodes(detection, grid, recipe)
-    nodes, triangles = triangulate(chosen, grid, detection.size, crew.local)
+    nodes, triangles = triangulate_nodes(chosen, grid, detection.size, workers.local)
     width, height = detection.size
     return nodes, (nodes.points * (width / grid.width, height / grid.height), triangles)
 
 
-def _silent(_fraction: float, _message: str) -> None:
-    pass
-
-
-PLANES: Mapping[str, Callable[[Scene, Crew], Plane]] = {
+PLANES: Mapping[str, Callable[[Scene, Workers], Plane]] = {
     "256x256": paper_plane,
     "native": native_plane,
 }

@@ -18,9 +18,8 @@ from geomesh.evaluate.comparison import MEASURES, Comparison, Failure, Figures, 
 from geomesh.evaluate.images import find_images
 from geomesh.evaluate.planes import PLANES, Plane, PlaneMesh
 from geomesh.mesh.quality import ki, measure
-from geomesh.parallel.progress import reporting
-from geomesh.parallel.tiles import Progress
-from geomesh.parallel.workers import Crew, open_crew
+from geomesh.parallel.progress import Progress, reporting, silent
+from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.grid import Grid
 from geomesh.raster.open import open_scene
 from geomesh.raster.scene import Scene
@@ -79,10 +78,10 @@ def evaluate(
     if not has_pydelatin():
         why = "pydelatin is not installed (pip install 'geomesh-toolkit[evaluate]')"
         warnings.warn(f"{why}: {GREEDY} is left out", GeomeshWarning, stacklevel=2)
-    with reporting(progress) as report, open_crew(workers, executor) as crew:
+    with reporting(progress) as report, open_workers(workers, executor) as pool:
         report(0.0, f"Evaluating {len(images)} images")
         parts = []
-        for part in crew.map(_EvaluateImage(bidx, nodata), images):
+        for part in pool.map(_EvaluateImage(bidx, nodata), images):
             parts.append(part)
             report(len(parts) / len(images), f"Evaluating: image {len(parts)} of {len(images)}")
     comparison = Comparison(
@@ -116,11 +115,11 @@ class _EvaluateImage:
         failures: list[Failure] = []
         try:
             scene = open_scene(image, bidx=self.bidx, nodata=self.nodata)
-            # A crew of its own: a worker that waits for tasks of its own crew waits forever.
-            with open_crew(1) as crew, scene.open():
+            # Threads of its own: a worker that waits for tasks of its own pool waits forever.
+            with open_workers(1) as workers, scene.open():
                 for name, find_plane in PLANES.items():
                     try:
-                        records += _records(image, name, find_plane(scene, crew), crew)
+                        records += _records(image, name, find_plane(scene, workers), workers)
                     except GeomeshError as error:
                         failures.append(_failure(image, name, error))
         except Exception as error:  # of 200 images one may be what nobody thought of
@@ -137,14 +136,14 @@ def _failure(image: str, plane: str, error: Exception) -> Failure:
     return Failure(image, plane, " ".join(f"{image}: {why}".splitlines()), code)
 
 
-def _records(image: str, name: str, plane: Plane, crew: Crew) -> Iterator[Record]:
+def _records(image: str, name: str, plane: Plane, workers: Workers) -> Iterator[Record]:
     height, width = plane.gray.shape
     for method, mesh in plane.meshes():
-        figures = measure_figures(plane, mesh, crew)
+        figures = measure_figures(plane, mesh, workers)
         yield Record(image, name, method, width, height, plane.wanted, figures)
 
 
-def measure_figures(plane: Plane, mesh: PlaneMesh, crew: Crew) -> Figures:
+def measure_figures(plane: Plane, mesh: PlaneMesh, workers: Workers) -> Figures:
     """Return the figures of a mesh in a plane."""
     points, triangles = mesh
     height, width = plane.gray.shape
@@ -167,30 +166,32 @@ def measure_figures(plane: Plane, mesh: PlaneMesh, crew: Crew) -> Figures:
         angle_median=angles["median"],
         angle_p5=angles["p5"],
         angle_under_10=summary["share_min_angle_under"]["10"],
-        **_fidelity(plane, mesh, crew),
+        **_fidelity(plane, mesh, workers),
     )
 
 
-def _fidelity(plane: Plane, mesh: PlaneMesh, crew: Crew) -> dict[str, float]:
+def _fidelity(plane: Plane, mesh: PlaneMesh, workers: Workers) -> dict[str, float]:
     """Return the share of valid pixels in a triangle, PSNR over these, and over all of them."""
     scene = open_scene((np.ma.array(plane.gray, mask=~plane.valid), None, None))
     figures = {}
     for model in MODELS:
         for fit in FITS:
-            figures[f"psnr_{model}_{fit}"], pixels = _psnr(mesh, scene, model, fit, crew)
+            figures[f"psnr_{model}_{fit}"], pixels = _psnr(mesh, scene, model, fit, workers)
     figures["covered"] = pixels / np.count_nonzero(plane.valid)
     figures["psnr_whole"] = figures["psnr_linear_least_squares"]
     if figures["covered"] < 1:
         spread = _with_corners(mesh, scene.grid)
-        figures["psnr_whole"], _ = _psnr(spread, scene, "linear", "least_squares", crew)
+        figures["psnr_whole"], _ = _psnr(spread, scene, "linear", "least_squares", workers)
     return figures
 
 
-def _psnr(mesh: PlaneMesh, scene: Scene, model: Model, fit: Fit, crew: Crew) -> tuple[float, int]:
+def _psnr(
+    mesh: PlaneMesh, scene: Scene, model: Model, fit: Fit, workers: Workers
+) -> tuple[float, int]:
     """Return PSNR in dB, and over how many pixels."""
-    surface = fit_surface(*mesh, scene, model=model, fit=fit, crew=crew, progress=_silent)
+    surface = fit_surface(*mesh, scene, model=model, fit=fit, workers=workers, progress=silent)
     try:
-        found = compare(surface, scene, crew, _silent)
+        found = compare(surface, scene, workers, silent)
     except EmptyError:  # the triangles are too small to hold the centre of a pixel
         return math.nan, 0
     return found.overall, found.pixels
@@ -201,7 +202,3 @@ def _with_corners(mesh: PlaneMesh, grid: Grid) -> PlaneMesh:
     w, h = grid.width, grid.height
     points = np.unique(np.concatenate([mesh[0], [(0, 0), (w, 0), (0, h), (w, h)]]), axis=0)
     return points, delaunay(points).triangles
-
-
-def _silent(_fraction: float, _message: str) -> None:
-    pass

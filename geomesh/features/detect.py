@@ -9,20 +9,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from geomesh.arrays.types import Gray
 from geomesh.domain.outline import Turns, find_turns
 from geomesh.features.canny import (
     EdgePartial,
     Thresholds,
-    canny,
+    canny_edges,
+    canny_thresholds,
     tile_edges,
     unite,
 )
-from geomesh.features.gray import Gray, resize
+from geomesh.features.filters import resize
 from geomesh.features.gray_image import ArrayGray, GrayImage
 from geomesh.features.sift import Keypoints, detect_sift, labels_around
-from geomesh.features.thresholds import canny_thresholds
-from geomesh.parallel.tiles import HALO, Progress, Tile, map_tiles, part_of, plan_tiles
-from geomesh.parallel.workers import Crew
+from geomesh.parallel.progress import Progress, part_of
+from geomesh.parallel.tiles import HALO, Tile, map_tiles, plan_tiles
+from geomesh.parallel.workers import Workers
 from geomesh.raster.grid import Window
 from geomesh.recipe import Recipe
 
@@ -98,7 +100,9 @@ class _TileFeatures:
         return self.keypoints.take(kept)
 
 
-def detect(image: GrayImage, recipe: Recipe, crew: Crew, progress: Progress) -> Detection:
+def detect_keypoints(
+    image: GrayImage, recipe: Recipe, workers: Workers, progress: Progress
+) -> Detection:
     """Find the keypoints of a gray image that lie on its Canny edges.
 
     Parameters
@@ -106,12 +110,12 @@ def detect(image: GrayImage, recipe: Recipe, crew: Crew, progress: Progress) -> 
     image : GrayImage
         At the source's resolution; the recipe says whether to resize it.
     recipe : Recipe
-    crew : Crew
+    workers : Workers
     progress : callable(fraction, message)
     """
     survey = None
     if recipe.resize is not None:
-        image, survey = shrink(image, recipe.resize, crew, part_of(progress, 0, 0.6))
+        image, survey = shrink(image, recipe.resize, workers, part_of(progress, 0, 0.6))
         progress = part_of(progress, 0.6, 1)
     extent = image.extent
     core = {} if recipe.is_local else {"core": max(extent.width, extent.height)}
@@ -122,7 +126,7 @@ def detect(image: GrayImage, recipe: Recipe, crew: Crew, progress: Progress) -> 
             _DetectFeatures(recipe, thresholds),
             ((image.excerpt(tile.read), tile) for tile in tiles),
             len(tiles),
-            crew,
+            workers,
             progress=progress,
             message="Detecting edges and keypoints",
         )
@@ -138,7 +142,7 @@ def detect(image: GrayImage, recipe: Recipe, crew: Crew, progress: Progress) -> 
 
 
 def shrink(
-    image: GrayImage, size: tuple[int, int], crew: Crew, progress: Progress
+    image: GrayImage, size: tuple[int, int], workers: Workers, progress: Progress
 ) -> tuple[ArrayGray, Survey]:
     """Read a whole gray image by tiles and resize it to (width, height).
 
@@ -152,7 +156,7 @@ def shrink(
         _read_core,
         ((image.excerpt(tile.read), tile) for tile in tiles),
         len(tiles),
-        crew,
+        workers,
         progress=progress,
         message="Reading and resizing",
     )
@@ -203,7 +207,7 @@ class _DetectFeatures:
             seam=int(distance) + 2,
         )
         seen = (
-            canny(gray, thresholds, valid) * np.uint8(255)
+            canny_edges(gray, thresholds, valid) * np.uint8(255)
             if recipe.sift_source == "edges"
             else gray
         )

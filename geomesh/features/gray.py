@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel, plain_bands
+from geomesh.arrays.types import Gray
 from geomesh.errors import BandError
+from geomesh.features.filters import fill_invalid
 from geomesh.recipe import Recipe
-
-Gray = NDArray[np.uint8]
 
 # ITU-R BT.601, the weights of OpenCV's RGB to gray conversion.
 LUMA = (0.299, 0.587, 0.114)
@@ -234,31 +234,3 @@ def _percentiles(values: NDArray[Any], percentiles: tuple[float, float]) -> tupl
     if black == white:  # mostly one value, a mask perhaps: stretch what there is
         black, white = float(values.min()), float(values.max())
     return float(black), float(white)
-
-
-def fill_invalid(image: Gray, valid: NDArray[np.bool_]) -> Gray:
-    """Return `image` (H, W) with each invalid pixel given the value of a nearest valid one.
-
-    An edge of nodata would otherwise be the strongest edge of all.
-    """
-    if valid.all() or not valid.any():
-        return image
-    _, labels = cv2.distanceTransformWithLabels(
-        (~valid).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    value_of = np.zeros(int(labels.max()) + 1, np.uint8)
-    value_of[labels[valid]] = image[valid]
-    filled: Gray = value_of[labels]
-    return filled
-
-
-def sobel_enhance(gray: Gray) -> Gray:
-    """Return the Sobel magnitude, saturate(0.5 |gx| + 0.5 |gy|), of an 8-bit image (H, W)."""
-    gx = cv2.convertScaleAbs(cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=3))
-    gy = cv2.convertScaleAbs(cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=3))
-    return cv2.addWeighted(gx, 0.5, gy, 0.5, 0).astype(np.uint8, copy=False)
-
-
-def resize(image: Gray, size: tuple[int, int]) -> Gray:
-    """Return an 8-bit image resized to (width, height) by pixel area, each axis by itself."""
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

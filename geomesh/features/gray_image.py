@@ -8,7 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.features.gray import Gray, Tone, sobel_enhance
+from geomesh.arrays.types import Gray
+from geomesh.features.filters import sobel_enhance
+from geomesh.features.gray import Tone
 from geomesh.raster.grid import Window
 from geomesh.raster.scene import Scene
 

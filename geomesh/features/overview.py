@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from geomesh.errors import EmptyError
-from geomesh.parallel.tiles import Progress, Tile, map_tiles, plan_tiles
-from geomesh.parallel.workers import Crew
+from geomesh.parallel.progress import Progress
+from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
+from geomesh.parallel.workers import Workers
 from geomesh.raster.grid import Window
 from geomesh.raster.scene import Pixels, Scene
 
@@ -19,7 +20,7 @@ _SIZE = 1024
 _BLOCK = 2048
 
 
-def read_overview(scene: Scene, crew: Crew, progress: Progress) -> Pixels:
+def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
     """Return bands (B, h, w) and validity (h, w) of every n-th pixel of a scene.
 
     n is the least step for which neither side exceeds 1024 pixels. Where the steps meet
@@ -40,7 +41,12 @@ def read_overview(scene: Scene, crew: Crew, progress: Progress) -> Pixels:
     valid = np.empty(shape, np.bool_)
     tasks = [(scene.excerpt(tile.core), tile) for tile in tiles]
     parts = map_tiles(
-        _Decimate(step), tasks, len(tasks), crew, progress=progress, message="Looking at the scene"
+        _Decimate(step),
+        tasks,
+        len(tasks),
+        workers,
+        progress=progress,
+        message="Looking at the scene",
     )
     for tile, (block, known) in zip(tiles, parts, strict=True):
         row, col = tile.core.row // step, tile.core.col // step

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
 from geomesh.arrays.table import read_only
-from geomesh.features.gray import Gray
+from geomesh.arrays.types import Gray
 from geomesh.raster.grid import Window
 from geomesh.recipe import Recipe
 

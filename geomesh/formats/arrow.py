@@ -15,8 +15,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from geomesh.arrays.table import Table
-from geomesh.mesh.triangle_mesh import LayerName, Mesh
-from geomesh.raster.grid import Points
+from geomesh.arrays.types import Points
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parameters import LayerName
 
 GeometryType = Literal["Point", "LineString", "Polygon"]
 
@@ -53,7 +54,7 @@ class Layer:
     geometry_type: GeometryType
 
     @classmethod
-    def of(cls, mesh: Mesh, name: LayerName) -> Layer:
+    def of(cls, mesh: TriangleMesh, name: LayerName) -> Layer:
         """Return the layer `name` of a mesh."""
         columns, points = mesh.attributes(name), mesh.map_nodes
         if name == "triangles":

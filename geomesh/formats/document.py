@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
 from geomesh._version import __version__
+from geomesh.arrays.plain import plain_json
 from geomesh.arrays.table import Table
 from geomesh.mesh.certificate import Certificate
 from geomesh.mesh.topology import edge_keys
-from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.mesh.triangle_mesh import TriangleMesh
 
 KEY = "geomesh"
 FORMAT = 1
 
-# Entries that are not the mesh's own metadata: written anew with every file.
-RESERVED = frozenset({"geomesh", "certificate", "mesh"})
 
-
-def describe(mesh: Mesh, certificate: Certificate) -> str:
+def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
     """Return the metadata document of a mesh as JSON text.
 
-    Its entries are those of `mesh.metadata` (recipe, source, versions, warnings)
-    and `geomesh` (the version that wrote the file), `certificate` (what was
-    checked) and `mesh` (what `geomesh.io.read.read_mesh` needs beside the layers).
-    JSON has no NaN or infinity: such a value becomes null.
+    Its entries are those of the mesh's provenance (see `Provenance.to_dict`), and `geomesh`
+    (the version that wrote the file), `certificate` (what was checked) and `mesh` (what
+    `geomesh.read_mesh` needs beside the layers).
     """
     document = {
         **mesh.metadata,
@@ -56,21 +50,9 @@ def describe(mesh: Mesh, certificate: Certificate) -> str:
             },
         },
     }
-    return json.dumps(_plain(document), sort_keys=True, allow_nan=False)
+    return json.dumps(plain_json(document), sort_keys=True, allow_nan=False)
 
 
 def _dtypes(table: Table) -> list[list[str]]:
     """Pairs of name and dtype: a JSON object would not keep the columns' order."""
     return [[name, values.dtype.str] for name, values in table.items()]
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

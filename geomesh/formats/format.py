@@ -1,17 +1,72 @@
-"""The file formats of a mesh, and how their names are found."""
+"""Format: what a file format can hold, and how it is written and counted."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from os import PathLike
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from geomesh.errors import OutputError
-from geomesh.mesh.triangle_mesh import LAYERS, LayerName, Mesh
+from geomesh.parameters import LAYERS, LayerName
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.batch_stream import BatchStream
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
 GEOMETRY = "geometry"
-BBOX = "bbox"
+
+# Stands in a layer's metadata until the document is known.
+PENDING = "@document of the mesh@"
+
+# How GDAL gets the rows of a layer: their schema, the rows, and keywords of pyogrio.write_arrow.
+WriteRows = Callable[["pa.Schema", "Iterator[pa.RecordBatch]", Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True, eq=False)
+class LayerFile:
+    """A layer of a mesh and the file that is to hold it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    name : {"triangles", "edges", "nodes"}
+    path : Path
+    format : Format
+    document : str
+        The metadata document of `geomesh.formats.document`.
+    """
+
+    mesh: TriangleMesh
+    name: LayerName
+    path: Path
+    format: Format
+    document: str
+
+
+def _layer_of(mesh: TriangleMesh, name: LayerName) -> Layer:
+    from geomesh.formats.arrow import Layer
+
+    return Layer.of(mesh, name)
+
+
+@dataclass(frozen=True)
+class Joining:
+    """How layers that were written to files of their own become one file.
+
+    Parameters
+    ----------
+    is_possible : callable() -> bool
+        Whether they can be joined here; one process writes them all otherwise.
+    finish : callable(path, names, others, document)
+        Copies the layers in `others` (name to path) into the file at `path`, puts all
+        `names` in this order, and replaces `PENDING` by the document.
+    """
+
+    is_possible: Callable[[], bool]
+    finish: Callable[[Path, Sequence[LayerName], Mapping[LayerName, Path], str], None]
 
 
 @dataclass(frozen=True)
@@ -24,88 +79,38 @@ class Format:
         Its name: GDAL's, where GDAL knows it.
     extensions : tuple of str
         The first is the usual one.
+    write : callable(layer, file, stream, write_rows)
+        Writes a layer: what it holds, where to, its batches, and GDAL for those that use it.
+    count_rows : callable(path, layer name) -> int
+        Counts the rows that can be read back, themselves, not the number in a header; raises
+        OSError or RuntimeError for a damaged file.
+    read_document : callable(path) -> str
+        Returns the metadata document; raises KeyError if there is none.
     geometry : str
         Name of the geometry column.
     reserved : tuple of str
         Names of further columns that it makes by itself.
+    ignores_case : bool
+        Whether names that differ in case only are the same column.
     layers : tuple of {"triangles", "edges", "nodes"}
         What it can hold.
-    many_layers : bool
-        Whether one file holds several layers.
+    layer : callable(mesh, name) -> Layer
+        Makes the rows of a layer.
+    joining : Joining, optional
+        Of a format that holds several layers in one file.
     by_gdal : bool
         Whether GDAL writes it.
-    dataset_options, layer_options : mapping of str to str
-        GDAL's creation options.
     """
 
     driver: str
     extensions: tuple[str, ...]
+    write: Callable[[Layer, LayerFile, BatchStream, WriteRows], None]
+    count_rows: Callable[[Path, str], int]
+    read_document: Callable[[Path], str]
     geometry: str = GEOMETRY
     reserved: tuple[str, ...] = ()
+    ignores_case: bool = False
     layers: tuple[LayerName, ...] = LAYERS
-    many_layers: bool = False
-    by_gdal: bool = True
-    dataset_options: Mapping[str, str] = field(default_factory=dict)
-    layer_options: Mapping[str, str] = field(default_factory=dict)
-
-
-GPKG = Format(
-    "GPKG",
-    (".gpkg",),
-    geometry="geom",
-    reserved=("fid",),
-    many_layers=True,
-    dataset_options={"VERSION": "1.2"},
-    layer_options={"SPATIAL_INDEX": "YES"},
-)
-GEOJSON = Format("GeoJSON", (".geojson", ".json"))
-FLATGEOBUF = Format("FlatGeobuf", (".fgb",), layer_options={"SPATIAL_INDEX": "YES"})
-PARQUET = Format("Parquet", (".parquet", ".geoparquet"), reserved=(BBOX,), by_gdal=False)
-UGRID = Format("UGRID", (".nc",), layers=("triangles",), by_gdal=False)
-FORMATS = (GPKG, GEOJSON, FLATGEOBUF, PARQUET, UGRID)
-
-
-@dataclass(frozen=True, eq=False)
-class LayerFile:
-    """A layer of a mesh and the file that is to hold it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    name : {"triangles", "edges", "nodes"}
-    path : Path
-    format : Format
-    document : str
-        The metadata document of `geomesh.formats.document`.
-    """
-
-    mesh: Mesh
-    name: LayerName
-    path: Path
-    format: Format
-    document: str
-
-
-def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
-    """Return the format that `driver` names, or else the extension of `path`.
-
-    Raises
-    ------
-    OutputError
-        If there is no such format.
-    """
-    if driver is not None:
-        for known in FORMATS:
-            if known.driver.lower() == driver.lower():
-                return known
-        names = ", ".join(known.driver for known in FORMATS)
-        raise OutputError(f"there is no vector format {driver!r}; choose from {names}")
-    suffix = Path(path).suffix.lower()
-    for known in FORMATS:
-        if suffix in known.extensions:
-            return known
-    extensions = ", ".join(known.extensions[0] for known in FORMATS)
-    raise OutputError(
-        f"{path} has no extension that names a format; choose from {extensions}, "
-        "or name one with --driver"
-    )
+    layer: Callable[[TriangleMesh, LayerName], Layer] = _layer_of
+    joining: Joining | None = None
+    by_gdal: bool = False

@@ -1,239 +1,71 @@
-"""What GeoJSON asks of a mesh: longitude and latitude on Earth, cut at the antimeridian.
-
-GDAL writes the file, but not with RFC7946=YES: that goes by a rule of thumb, by
-which a triangle crosses the antimeridian if it has corners within 10 degrees of it
-on either side. Others that cross it, as they do near the poles, are left to run
-around the world, and one that does span the world is cut to a sliver. So it is
-given finished geometry, and no CRS, for RFC 7946 knows but one.
-"""
+"""GeoJSON (RFC 7946), written by GDAL from geometry in longitude and latitude."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-import pyarrow as pa
-import shapely
-from numpy.typing import NDArray
-from pyproj import Transformer
-from pyproj.exceptions import ProjError
+from geomesh.formats.format import Format, LayerFile, WriteRows
+from geomesh.formats.gdal import plain_name, write_by_gdal
+from geomesh.parameters import LayerName
 
-from geomesh.arrays.table import Table
-from geomesh.errors import GeoreferenceError
-from geomesh.formats.arrow import Layer, binary, wkb
-from geomesh.mesh.topology import Triangles
-from geomesh.mesh.triangle_mesh import LayerName, Mesh
-from geomesh.raster.grid import Points
+if TYPE_CHECKING:
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.batch_stream import BatchStream
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
-LONLAT = "OGC:CRS84"
-
-# RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre; float64 holds
-# 13 of a longitude.
-_DECIMALS = (7, 9, 11, 13)
-
-# Of attributes; as many as float32 has.
-_DIGITS = 7
-
-# An edge that seems to turn by more degrees than this is followed in so many steps,
-# to tell which way around the Earth it goes.
-_SUSPECT_TURN = 90.0
-_STEPS = 16
+_FEATURE = b'{ "type": "Feature",'
 
 
-@dataclass(frozen=True, eq=False)
-class LonLatLayer(Layer):
-    """A layer with `points` in longitude and latitude.
+def _layer(mesh: TriangleMesh, name: LayerName) -> Layer:
+    from geomesh.formats.lonlat import LonLatLayer
 
-    Longitudes run on past 180 degrees within a geometry, and are then cut there.
-
-    Parameters
-    ----------
-    map_points : float64 (N, 2)
-        Node coordinates on the map.
-    transformer : pyproj.Transformer, optional
-        From the map to longitude and latitude; None where the map's own x is a
-        longitude, so that `points` tell which way an edge goes.
-    decimals : int
-        Geometries are rounded to so many.
-    """
-
-    map_points: Points
-    transformer: Transformer | None
-    decimals: int
-
-    @classmethod
-    def of(cls, mesh: Mesh, name: LayerName) -> LonLatLayer:
-        """Return the layer `name` of a mesh.
-
-        Raises
-        ------
-        GeoreferenceError
-            Without a CRS, with one that is not of Earth, or if nodes have no
-            longitude and latitude (off the disc of a geostationary image).
-        """
-        transformer = _transformer(mesh)
-        lonlat = np.column_stack(transformer.transform(*mesh.map_nodes.T))
-        off = ~np.isfinite(lonlat).all(axis=1) | (np.abs(lonlat[:, 1]) > 90)
-        if off.any():
-            raise GeoreferenceError(
-                f"GeoJSON is longitude and latitude, and {np.count_nonzero(off)} of {len(off)} "
-                "nodes have none: leave them out with --bounds or --mask, or write .gpkg"
-            )
-        layer = Layer.of(mesh, name)
-        crs = mesh.grid.crs
-        geographic = crs is not None and crs.is_geographic
-        if crs is not None and geographic:
-            degrees = np.degrees(crs.axis_info[0].unit_conversion_factor)
-            lonlat[:, 0] += _whole_turns(mesh.map_nodes[:, 0] * degrees - lonlat[:, 0])
-        return cls(
-            name,
-            Table({name: _shortened(values) for name, values in layer.columns.items()}),
-            lonlat,
-            layer.vertices,
-            layer.geometry_type,
-            map_points=mesh.map_nodes,
-            transformer=None if geographic else transformer,
-            decimals=enough_decimals(lonlat, mesh.triangles),
-        )
-
-    def geometry(self, rows: slice) -> pa.Array:
-        """Return the WKB of the given rows; rings are counter-clockwise."""
-        xy = self.points[self.vertices[rows]]
-        turns = _whole_turns(self._unrolled(self.vertices[rows]) - xy[..., 0])
-        middle = ((xy[..., 0] + turns).min(axis=1) + (xy[..., 0] + turns).max(axis=1)) / 2
-        xy[..., 0] += turns - _whole_turns(middle)[:, None]
-        xy = xy.round(self.decimals)
-        lon = xy[..., 0]
-        around = np.zeros(len(xy), np.bool_)
-        if self.geometry_type == "Polygon":
-            around = lon[:, 0] != lon[:, -1]
-            # A sliver may turn over where a straight side of the map is a curve.
-            clockwise = _orientation(xy) < 0
-            xy[clockwise] = xy[clockwise][:, ::-1]
-        cut = np.flatnonzero((np.abs(lon) > 180).any(axis=1) | around)
-        pieces = {int(row): _cut(xy[row], self.geometry_type) for row in cut}
-        return binary(wkb(xy, self.geometry_type), pieces)
-
-    def _unrolled(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Longitudes (R, V) that go on from vertex to vertex, instead of jumping at 180."""
-        lon = self.points[:, 0][nodes]
-        start, stop = nodes[:, :-1], nodes[:, 1:]
-        turn = lon[:, 1:] - lon[:, :-1]
-        if self.transformer is not None:
-            suspect = np.abs(turn) > _SUSPECT_TURN
-            turn[suspect] = self._followed(start[suspect], stop[suspect], turn[suspect])
-        return np.column_stack([lon[:, :1], lon[:, :1] + np.cumsum(turn, axis=1)])
-
-    def _followed(
-        self, start: NDArray[np.int32], stop: NDArray[np.int32], turn: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Change of longitude along straight edges of the map.
-
-        Both triangles of an edge follow it in the same direction and so agree.
-        """
-        assert self.transformer is not None
-        low, high = np.minimum(start, stop), np.maximum(start, stop)
-        part = np.linspace(0, 1, _STEPS + 1)[:, None, None]
-        path = self.map_points[low] * (1 - part) + self.map_points[high] * part
-        lon, _ = self.transformer.transform(path[..., 0], path[..., 1])
-        steps = np.diff(lon, axis=0)
-        total = (steps - _whole_turns(steps)).sum(axis=0) * np.where(start < stop, 1, -1)
-        short = turn - _whole_turns(turn)
-        followed: NDArray[np.float64] = np.where(np.isfinite(total), total, short)
-        return followed
+    return LonLatLayer.of(mesh, name)
 
 
-def _shortened(values: NDArray[Any]) -> NDArray[Any]:
-    """Return float values to `_DIGITS` significant digits, which is half as much to load."""
-    if values.dtype.kind != "f":
-        return values
-    sizes = np.abs(values, dtype=np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        places = _DIGITS - 1 - np.floor(np.log10(sizes))
-    scale = 10.0 ** np.clip(np.where(np.isfinite(places), places, 0), -300, 300)
-    rounded: NDArray[np.float64] = np.rint(values * scale) / scale
-    return rounded
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:
+    from geomesh.formats.document import KEY
+
+    collection = {"type": "FeatureCollection", KEY: json.loads(file.document)}
+    options = {
+        # Coordinates come rounded: COORDINATE_PRECISION would turn 44.9999997 into 45.
+        "SIGNIFICANT_FIGURES": "17",
+        # Members of the collection beside its features (RFC 7946, section 6.1).
+        "NATIVE_DATA": json.dumps(collection),
+        "NATIVE_MEDIA_TYPE": "application/vnd.geo+json",
+    }
+    # RFC 7946 knows one CRS only, so none is named.
+    write_by_gdal(layer, file, stream, write_rows, with_crs=False, layer_options=options)
 
 
-def enough_decimals(lonlat: Points, triangles: Triangles) -> int:
-    """Return how many decimals keep every triangle a triangle.
+def _read_document(path: Path) -> str:
+    from geomesh.formats.document import KEY
 
-    The least of 7, 9, 11 and 13 at which rounding neither turns a triangle over
-    nor flattens it.
-    """
-    before = _orientation(_short_way(lonlat[triangles]))
-    for places in _DECIMALS:
-        if (_orientation(_short_way(lonlat.round(places)[triangles])) == before).all():
-            return places
-    return _DECIMALS[-1]
+    with path.open(encoding="utf-8") as file:
+        return json.dumps(json.load(file)[KEY])
 
 
-def _transformer(mesh: Mesh) -> Transformer:
-    crs = mesh.grid.crs
-    if crs is None:
-        raise GeoreferenceError(
-            "GeoJSON is longitude and latitude, and the mesh has no CRS: "
-            "georeference the raster, or write .gpkg"
-        )
-    try:
-        # PROJ refuses by itself to go from one celestial body to another.
-        return Transformer.from_crs(crs, LONLAT, always_xy=True)
-    except ProjError as error:
-        raise GeoreferenceError(
-            "GeoJSON is longitude and latitude on Earth, and there is no way to them from "
-            f"{crs.name!r}: write .gpkg"
-        ) from error
+def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
+    """Count lines, as GDAL puts one feature on each: parsing takes as long as writing."""
+    rows, last = 0, b""
+    with path.open("rb") as file:
+        for line in file:
+            rows += line.startswith(_FEATURE)
+            last = line.strip() or last
+    if rows and last == b"}":
+        return rows
+    import pyogrio
+
+    return int(pyogrio.read_info(plain_name(path), force_feature_count=True)["features"])
 
 
-def _whole_turns(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Nearest multiple of 360; symmetric: that of -180 and of 180 is 0."""
-    turns: NDArray[np.float64] = 360 * np.round(degrees / 360)
-    return turns
-
-
-def _short_way(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move longitudes of (T, 3, 2) to within 180 degrees of the first corner's, in place."""
-    lon = corners[..., 0]
-    lon -= _whole_turns(lon - lon[:, :1])
-    return corners
-
-
-def _orientation(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """1 where the first three corners go counter-clockwise, -1 where clockwise, else 0."""
-    (ax, ay), (bx, by) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
-    orientation: NDArray[np.float64] = np.sign(ax * by - ay * bx)
-    return orientation
-
-
-def _cut(xy: NDArray[np.float64], geometry_type: str) -> Any:
-    """WKB of a geometry whose longitudes leave -180 to 180, or that holds a pole."""
-    turns: tuple[float, ...] = (-360, 0, 360)
-    if geometry_type == "LineString":
-        whole = shapely.LineString(xy)
-    elif xy[0, 0] == xy[-1, 0]:
-        whole = shapely.Polygon(xy)
-    else:
-        # A ring around a pole is closed along the pole's parallel; it goes around
-        # twice, so that one turn from antimeridian to antimeridian can be cut from it.
-        path = np.vstack([xy, xy[1:] + np.array([xy[-1, 0] - xy[0, 0], 0])])
-        pole = np.copysign(90.0, xy[:, 1].sum())
-        whole = shapely.Polygon([*path, (path[-1, 0], pole), (path[0, 0], pole)])
-        turns = (360 * np.ceil((path[:, 0].min() + 180) / 360),)
-    parts = []
-    for turn in turns:
-        part = shapely.intersection(whole, shapely.box(turn - 180, -90, turn + 180, 90))
-        # A side that only touches the antimeridian leaves a line or a point behind it.
-        pieces = [
-            piece
-            for piece in shapely.get_parts(part)
-            if piece.geom_type == whole.geom_type and not piece.is_empty
-        ]
-        parts += list(shapely.transform(pieces, lambda at, turn=turn: at - (turn, 0)))
-    if len(parts) == 1:
-        joined = parts[0]
-    elif geometry_type == "LineString":
-        joined = shapely.MultiLineString(parts)
-    else:
-        joined = shapely.MultiPolygon(parts)
-    return shapely.to_wkb(shapely.orient_polygons(joined), byte_order=1)
+GEOJSON = Format(
+    "GeoJSON",
+    (".geojson", ".json"),
+    _write,
+    _count_rows,
+    _read_document,
+    layer=_layer,
+    by_gdal=True,
+)

@@ -1,4 +1,4 @@
-"""The last hand at a GeoPackage: layers joined that were written apart, their order, the document.
+"""GeoPackage 1.2, written by GDAL: several layers in one file.
 
 SQLite has one writer a file. So layers that are written at the same time get a file each, and
 are copied into one at the end: GDAL fills a layer of its own file fastest, and SQLite copies
@@ -11,12 +11,16 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
-from geomesh.mesh.triangle_mesh import LayerName
+from geomesh.formats.format import PENDING, Format, Joining, LayerFile, WriteRows
+from geomesh.formats.gdal import read_document_by_gdal, write_by_gdal
+from geomesh.parameters import LayerName
 
-# Stands in a layer's metadata until the document is known.
-PENDING = "@document of the mesh@"
+if TYPE_CHECKING:
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.batch_stream import BatchStream
 
 _INDEX = "rtree_{}_geom"
 # The tables in which SQLite keeps an R-tree.
@@ -33,7 +37,7 @@ _REGISTERS = {
 _ORDER = ("gpkg_contents", "gpkg_geometry_columns")
 
 
-def can_join() -> bool:
+def _can_join() -> bool:
     """Tell whether Python's own SQLite knows R-trees, without which files cannot be joined."""
     with closing(sqlite3.connect(":memory:")) as database:
         try:
@@ -43,7 +47,7 @@ def can_join() -> bool:
     return True
 
 
-def complete(
+def _finish(
     path: Path, layers: Sequence[LayerName], others: Mapping[LayerName, Path], document: str
 ) -> None:
     """Copy a layer of each of the other files into the GeoPackage at `path`, and finish that.
@@ -124,3 +128,38 @@ def _copy_metadata(database: sqlite3.Connection, layer: str) -> None:
         "FROM other.gpkg_metadata_reference WHERE table_name = ?",
         (made.lastrowid, layer),
     )
+
+
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:
+    write_by_gdal(
+        layer,
+        file,
+        stream,
+        write_rows,
+        dataset_options={"VERSION": "1.2"},
+        layer_options={"SPATIAL_INDEX": "YES"},
+    )
+
+
+def _count_rows(path: Path, layer: str) -> int:
+    # Not as a URI: those know no network shares.
+    with closing(sqlite3.connect(path)) as database:
+        (state,) = database.execute(f'PRAGMA quick_check("{layer}")').fetchone()
+        if state != "ok":
+            raise OSError(f"the database is damaged: {state}")
+        (rows,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
+        return int(rows)
+
+
+GPKG = Format(
+    "GPKG",
+    (".gpkg",),
+    _write,
+    _count_rows,
+    read_document_by_gdal,
+    geometry="geom",
+    reserved=("fid",),
+    ignores_case=True,  # as SQLite's column names do
+    joining=Joining(_can_join, _finish),
+    by_gdal=True,
+)

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pyarrow.parquet as pq
+from geomesh.formats.format import GEOMETRY, Format, LayerFile, WriteRows
 
-from geomesh.formats.arrow import Layer
-from geomesh.formats.document import KEY
-from geomesh.formats.feed import Feed
-from geomesh.formats.format import BBOX, GEOMETRY, LayerFile
+if TYPE_CHECKING:
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.batch_stream import BatchStream
+
+_BBOX = "bbox"
 
 
-def write_geoparquet(layer: Layer, file: LayerFile, feed: Feed) -> None:
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:  # noqa: ARG001
     """Write a layer with the bounding box of every row, by which readers skip row groups.
 
-    Parameters
-    ----------
-    layer : Layer
-    file : LayerFile
-        Its document is stored beside the `geo` key.
-    feed : Feed
-        Hands out the batches; each becomes a row group.
+    The document is stored beside the `geo` key; each batch becomes a row group.
     """
+    import pyarrow.parquet as pq
+
+    from geomesh.formats.document import KEY
+
     crs = file.mesh.grid.crs
     sides = ("xmin", "ymin", "xmax", "ymax")
     column = {
@@ -31,11 +32,30 @@ def write_geoparquet(layer: Layer, file: LayerFile, feed: Feed) -> None:
         "crs": crs.to_json_dict() if crs else None,
         "orientation": "counterclockwise",
         "bbox": layer.bounds,
-        "covering": {"bbox": {side: [BBOX, side] for side in sides}},
+        "covering": {"bbox": {side: [_BBOX, side] for side in sides}},
     }
     geo = {"version": "1.1.0", "primary_column": GEOMETRY, "columns": {GEOMETRY: column}}
     metadata = {"geo": json.dumps(geo), KEY: file.document}
-    schema = layer.schema(GEOMETRY, bbox=BBOX).with_metadata(metadata)
+    schema = layer.schema(GEOMETRY, bbox=_BBOX).with_metadata(metadata)
     with pq.ParquetWriter(file.path, schema, compression="zstd") as writer:
-        for batch in feed.batches(layer, GEOMETRY, bbox=BBOX):
+        for batch in stream.batches(layer, GEOMETRY, bbox=_BBOX):
             writer.write_batch(batch)
+
+
+def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
+    import pyarrow.parquet as pq
+
+    return int(pq.read_metadata(path).num_rows)
+
+
+def _read_document(path: Path) -> str:
+    import pyarrow.parquet as pq
+
+    from geomesh.formats.document import KEY
+
+    return str((pq.read_schema(path).metadata or {})[KEY.encode()].decode())
+
+
+PARQUET = Format(
+    "Parquet", (".parquet", ".geoparquet"), _write, _count_rows, _read_document, reserved=(_BBOX,)
+)

@@ -7,20 +7,21 @@ from it; ParaView and xugrid read it too.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-from pyproj import CRS
-from scipy.io import netcdf_file
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
-from geomesh.formats.arrow import Layer
-from geomesh.formats.document import KEY
-from geomesh.formats.feed import Feed
-from geomesh.formats.format import LayerFile
+from geomesh.formats.format import Format, LayerFile, WriteRows
 
-FACES = "mesh_face_nodes"
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+    from pyproj import CRS
+
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.batch_stream import BatchStream
+
+_FACES = "mesh_face_nodes"
 
 # The name that MDAL looks for.
 _CRS = "projected_coordinate_system"
@@ -39,20 +40,18 @@ _UNITS = {
 _MOST_COLORS = 4096
 
 
-def write_ugrid(layer: Layer, file: LayerFile, feed: Feed) -> None:
-    """Write the triangles of a mesh and their attributes.
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:  # noqa: ARG001
+    """Write the triangles of a mesh; the document is stored as a global attribute.
 
-    Parameters
-    ----------
-    layer : Layer
-        The triangles. Attributes become data on faces as float64, `color` as
-        65536 red + 256 green + blue, rounded to fewer levels of each until there are
-        at most 4096 colours. Other texts are left out: NetCDF has no place for them.
-    file : LayerFile
-        Its document is stored as a global attribute.
-    feed : Feed
-        Is told of the rows.
+    Attributes become data on faces as float64, `color` as 65536 red + 256 green + blue,
+    rounded to fewer levels of each until there are at most 4096 colours. Other texts are
+    left out: NetCDF has no place for them.
     """
+    import numpy as np
+    from scipy.io import netcdf_file
+
+    from geomesh.formats.document import KEY
+
     crs = file.mesh.grid.crs
     corners = layer.vertices[:, :3]
     # 64-bit offsets: the file may be larger than 2 GB.
@@ -67,7 +66,7 @@ def write_ugrid(layer: Layer, file: LayerFile, feed: Feed) -> None:
             "cf_role": "mesh_topology",
             "topology_dimension": np.int32(2),
             "node_coordinates": "mesh_node_x mesh_node_y",
-            "face_node_connectivity": FACES,
+            "face_node_connectivity": _FACES,
             "face_dimension": "mesh_face",
         }
         _add(dataset, "mesh", (), np.array(0, np.int32), topology | _placed(crs))
@@ -76,7 +75,7 @@ def write_ugrid(layer: Layer, file: LayerFile, feed: Feed) -> None:
         for axis, values in zip("xy", layer.points.T, strict=True):
             _add(dataset, f"mesh_node_{axis}", ("mesh_node",), values, _axis(axis, crs))
         numbering = {"cf_role": "face_node_connectivity", "start_index": np.int32(0)}
-        _add(dataset, FACES, ("mesh_face", "three"), corners, numbering)
+        _add(dataset, _FACES, ("mesh_face", "three"), corners, numbering)
         units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
@@ -85,7 +84,7 @@ def write_ugrid(layer: Layer, file: LayerFile, feed: Feed) -> None:
             data = _packed(values) if name == _COLOR else values.astype(np.float64)
             unit = {"units": units[name]} if name in units else {}
             _add(dataset, name, ("mesh_face",), data, on_faces | unit)
-    feed.rows += len(layer)
+    stream.rows += len(layer)
 
 
 def _add(
@@ -103,6 +102,8 @@ def _add(
 
 def _packed(colors: NDArray[np.str_]) -> NDArray[np.float64]:
     """Return colours '#rrggbb' as numbers."""
+    import numpy as np
+
     codes = np.array([int(color[1:], 16) for color in colors.tolist()], np.int64)
     channels = codes[:, None] >> np.array([16, 8, 0]) & 255
     packed = codes.astype(np.float64)
@@ -120,6 +121,8 @@ def _placed(crs: CRS | None) -> dict[str, str]:
 
 def _crs_attributes(crs: CRS) -> dict[str, Any]:
     """Return the CRS by its EPSG code, as MDAL reads it, or else as WKT."""
+    import numpy as np
+
     attributes: dict[str, Any] = {"crs_wkt": crs.to_wkt().encode()}
     code = crs.to_epsg(min_confidence=100)
     if code is None:
@@ -132,3 +135,26 @@ def _axis(axis: str, crs: CRS | None) -> dict[str, str]:
         name, unit = ("longitude", "east") if axis == "x" else ("latitude", "north")
         return {"standard_name": name, "units": f"degrees_{unit}"}
     return {"standard_name": f"projection_{axis}_coordinate"}
+
+
+def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
+    from scipy.io import netcdf_file
+
+    try:
+        # Not mapped into memory: every value is read, and a short file is noticed.
+        with netcdf_file(path, mmap=False) as dataset:
+            return len(dataset.variables[_FACES].data)
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise OSError(f"the NetCDF file is damaged: {error}") from error
+
+
+def _read_document(path: Path) -> str:
+    from scipy.io import netcdf_file
+
+    from geomesh.formats.document import KEY
+
+    with netcdf_file(path, mmap=False) as dataset:
+        return str(dataset._attributes[KEY].decode())
+
+
+UGRID = Format("UGRID", (".nc",), _write, _count_rows, _read_document, layers=("triangles",))

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from geomesh.errors import OutputError
+from geomesh.errors import OutputError, one_line
 
 # What SQLite keeps beside a database. Left there, it would be replayed into the
 # database that takes the old one's name, and corrupt it.
@@ -82,11 +82,11 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
     place = Path(os.path.realpath(target))
     folder: Path | None = None
     try:
-        with _failures_told(target), undisturbed():
+        with writing_to(target), undisturbed():
             folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
         finished = folder / f"output{suffix}"
         yield finished
-        with _failures_told(target):
+        with writing_to(target):
             _flush(finished)
             if place.exists() and not overwrite:
                 raise OutputError(f"{target} was made by another program meanwhile; it was kept")
@@ -127,10 +127,20 @@ def undisturbed() -> Iterator[None]:
 
 
 @contextmanager
-def _failures_told(target: Path) -> Iterator[None]:
+def writing_to(target: str | Path, *kinds: type[Exception]) -> Iterator[None]:
+    """Raise OutputError, in one line, for what says that a file could not be written.
+
+    Parameters
+    ----------
+    target : path
+        What the message calls the file.
+    *kinds : exception types
+        Of the library that writes, beside OSError.
+    """
+    failures: tuple[type[Exception], ...] = (OSError, *kinds)
     try:
         yield
-    except OSError as error:
+    except failures as error:
         raise OutputError(
             f"{target} could not be written: {_reason(error)}; free some space or choose another "
             "folder"
@@ -175,5 +185,6 @@ def _flush_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+def _reason(error: Exception) -> str:
+    strerror = error.strerror if isinstance(error, OSError) else None
+    return strerror.lower() if strerror else one_line(error)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 
-class Scribes:
+class WriterPool:
     """Processes that wait for a layer to write, to be used as a context.
 
     Parameters
@@ -32,10 +32,10 @@ class Scribes:
     def __init__(self, count: int) -> None:
         self.count = count
         self._lock = threading.Lock()
-        self._idle: list[_Scribe] = []
-        self._busy: set[_Scribe] = set()
+        self._idle: list[_WriterProcess] = []
+        self._busy: set[_WriterProcess] = set()
 
-    def __enter__(self) -> Scribes:
+    def __enter__(self) -> WriterPool:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -48,7 +48,7 @@ class Scribes:
         """Let the processes start now; they are needed soon."""
         with self._lock:
             while len(self._idle) < self.count:
-                self._idle.append(_Scribe())
+                self._idle.append(_WriterProcess())
 
     def write(self, schema: Any, batches: Iterator[Any], options: Mapping[str, Any]) -> None:
         """Write a layer.
@@ -66,28 +66,28 @@ class Scribes:
             With what the library said.
         """
         with self._lock:
-            scribe = self._idle.pop() if self._idle else _Scribe()
-            self._busy.add(scribe)
+            writer = self._idle.pop() if self._idle else _WriterProcess()
+            self._busy.add(writer)
         try:
-            scribe.write(schema, batches, options)
+            writer.write(schema, batches, options)
             with self._lock:
-                self._idle.append(scribe)
+                self._idle.append(writer)
         except BaseException:
-            scribe.stop()
-            scribe.end()
+            writer.stop()
+            writer.end()
             raise
         finally:
             with self._lock:
-                self._busy.discard(scribe)
+                self._busy.discard(writer)
 
     def dismiss(self) -> None:
         """Make an end of those who write; nobody needs it any more."""
         with self._lock:
-            for scribe in self._busy:
-                scribe.stop()
+            for writer in self._busy:
+                writer.stop()
 
 
-class _Scribe:
+class _WriterProcess:
     """One process."""
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class _Scribe:
         )
 
     def write(self, schema: Any, batches: Iterator[Any], options: Mapping[str, Any]) -> None:
-        """Write a layer, as `Scribes.write`."""
+        """Write a layer, as `WriterPool.write`."""
         import pyarrow as pa
 
         sink, answers = self._process.stdin, self._process.stdout

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +16,19 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 
 from geomesh.arrays.table import Table
-from geomesh.errors import MeshFileError
-from geomesh.formats.document import FORMAT, KEY, RESERVED
+from geomesh.errors import GeomeshError, MeshFileError, one_line
+from geomesh.formats.document import FORMAT, KEY
+from geomesh.formats.gdal import plain_name
 from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import build_edges
-from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.raster.grid import Grid
 
 _CORNERS = ("n0", "n1", "n2")
 
 
-def read_mesh(path: str | PathLike[str]) -> Mesh:
+def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     """Return the mesh in a GeoPackage that `geomesh.io.write.write_mesh` made.
 
     Nodes are taken from their `col` and `row`, not from the geometry, so they are
@@ -39,7 +41,7 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
 
     Returns
     -------
-    Mesh
+    TriangleMesh
 
     Raises
     ------
@@ -65,7 +67,7 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
             f"{path} has triangles of nodes that do not exist; use the file that geomesh wrote"
         )
     grid = stored["grid"]
-    return Mesh(
+    return TriangleMesh(
         nodes=np.column_stack([nodes.pop("col"), nodes.pop("row")]),
         triangles=corners,
         grid=Grid(
@@ -79,26 +81,29 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
         plane_size=tuple(stored["plane_size"]),
         node_table=Table(nodes),
         triangle_table=Table(triangles),
-        metadata={key: value for key, value in document.items() if key not in RESERVED},
+        provenance=_read_provenance(path, document),
     )
 
 
-def _plain(path: str | PathLike[str]) -> str:
-    """Return a name under which pyogrio opens just this file.
-
-    It gives "!" and ";" in a path a meaning of their own, save in GDAL's virtual file
-    systems; this one is the file itself, from its first byte.
-    """
-    name = fspath(path)
-    return f"/vsisubfile/0,{name}" if set(name) & set("!;") else name
+def _read_provenance(path: str | PathLike[str], document: dict[str, Any]) -> Provenance | None:
+    """Return how the mesh was made; None if it was made without a raster."""
+    if "source" not in document:
+        return None
+    try:
+        return Provenance.from_dict(document)
+    except (KeyError, TypeError, ValueError, GeomeshError) as error:
+        raise MeshFileError(
+            f"{path} does not tell how its mesh was made ({one_line(error)}); use the file that "
+            "geomesh wrote"
+        ) from error
 
 
 def _find_layers(path: Path) -> set[str]:
     if not path.exists():
         raise MeshFileError(f"{path} does not exist")
     try:
-        layers = {str(name) for name, _ in pyogrio.list_layers(_plain(path))}
-        driver = pyogrio.read_info(_plain(path), layer=min(layers))["driver"] if layers else ""
+        layers = {str(name) for name, _ in pyogrio.list_layers(plain_name(path))}
+        driver = pyogrio.read_info(plain_name(path), layer=min(layers))["driver"] if layers else ""
     except (DataSourceError, DataLayerError) as error:
         raise MeshFileError(
             f"{path} cannot be read as a GeoPackage; name a .gpkg that geomesh wrote"
@@ -112,7 +117,7 @@ def _find_layers(path: Path) -> set[str]:
 
 
 def read_document(path: str | PathLike[str]) -> dict[str, Any]:
-    """Return the metadata document of a mesh: see `geomesh.formats.document.describe`.
+    """Return the metadata document of a mesh: see `geomesh.formats.document.build_document`.
 
     Raises
     ------
@@ -120,7 +125,7 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
         If the file is missing, or is not a GeoPackage of geomesh.
     """
     layer = min(_find_layers(Path(path)))
-    metadata = pyogrio.read_info(_plain(path), layer=layer)["layer_metadata"] or {}
+    metadata = pyogrio.read_info(plain_name(path), layer=layer)["layer_metadata"] or {}
     try:
         document: dict[str, Any] = json.loads(metadata[KEY])
         version = document["mesh"]["format"]
@@ -162,7 +167,9 @@ def _read_columns(
 def _read_layer(path: Path, layer: str, names: list[str], rows: int) -> pa.Table:
     """Return the table of a layer in the order of ids."""
     columns = ["id", *names]
-    _, table = pyogrio.read_arrow(_plain(path), layer=layer, columns=columns, read_geometry=False)
+    _, table = pyogrio.read_arrow(
+        plain_name(path), layer=layer, columns=columns, read_geometry=False
+    )
     missing = [name for name in ("id", *names) if name not in table.column_names]
     if missing:
         raise MeshFileError(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -15,8 +14,8 @@ import rasterio.windows
 from numpy.typing import NDArray
 from rasterio.errors import RasterioError
 
-from geomesh.errors import OutputError, SourceError, one_line
-from geomesh.io.atomic import staged
+from geomesh.errors import OutputError, SourceError
+from geomesh.io.atomic import staged, writing_to
 from geomesh.io.geotiff import (
     Style,
     check_geotiff,
@@ -25,24 +24,24 @@ from geomesh.io.geotiff import (
     find_style,
     is_exact,
 )
-from geomesh.mesh.provenance import open_original
-from geomesh.mesh.triangle_mesh import Mesh
-from geomesh.parallel.progress import reporting
-from geomesh.parallel.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
-from geomesh.parallel.workers import Crew, open_crew
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.progress import Progress, part_of, reporting
+from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
+from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import Source, open_scene
 from geomesh.raster.scene import Scene
-from geomesh.surface.fidelity import Fidelity, summarise
-from geomesh.surface.fit import Surface, Task, fit_surface, walk
-from geomesh.surface.paint import Errors, Fit, Model, find_errors, to_pixels
+from geomesh.surface.fidelity import ErrorSums, Fidelity, sum_errors, summarise
+from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
+from geomesh.surface.original import open_original
+from geomesh.surface.paint import Fit, Model, to_pixels
 
 Sums = tuple[int, int]
 Painted = tuple[Window, NDArray[Any], NDArray[np.bool_]]
 
 
 def render_file(
-    mesh: Mesh,
+    mesh: TriangleMesh,
     source: Source,
     path: str | PathLike[str],
     *,
@@ -64,9 +63,9 @@ def render_file(
 
     Parameters
     ----------
-    mesh : Mesh
+    mesh : TriangleMesh
     source, model, fit, bidx, crs, workers, progress
-        As in `geomesh.surface.fidelity.judge`.
+        As in `geomesh.surface.fidelity.measure_fidelity`.
     path : path-like
         Ends in .tif or .tiff.
     creation : mapping of str to str, optional
@@ -90,7 +89,7 @@ def render_file(
     scene = open_original(mesh, source, bidx=bidx, crs=crs)
     with (
         reporting(progress) as report,
-        open_crew(workers) as crew,
+        open_workers(workers) as pool,
         scene.open(),
         staged(target, ".tif", overwrite=overwrite) as temporary,
     ):
@@ -100,16 +99,16 @@ def render_file(
             scene,
             model=model,
             fit=fit,
-            crew=crew,
+            workers=pool,
             progress=part_of(report, 0, 0.6),
         )
-        with _failures_told(target):
-            sums = _write(temporary, options, surface, scene, crew, part_of(report, 0.6, 0.9))
+        with writing_to(target, RasterioError):
+            sums = _write(temporary, options, surface, scene, pool, part_of(report, 0.6, 0.9))
         try:
             shown = open_scene(temporary, name=str(target))
         except SourceError as error:
             raise _spoilt(target) from error
-        return _read_back(shown, sums, is_exact(options), scene, crew, part_of(report, 0.9, 1))
+        return _read_back(shown, sums, is_exact(options), scene, pool, part_of(report, 0.9, 1))
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class _Painter:
 
     style: Style
 
-    def __call__(self, task: Task) -> Painted:
+    def __call__(self, task: SurfaceTile) -> Painted:
         _, tile, surface = task
         image = surface.image(tile.core)
         pixels = to_pixels(image, self.style.dtype, self.style.nodata)
@@ -130,14 +129,14 @@ def _write(
     options: Mapping[str, Any],
     surface: Surface,
     scene: Scene,
-    crew: Crew,
+    workers: Workers,
     progress: Progress,
 ) -> list[Sums]:
     """Write the picture; return the checksums of its tiles."""
     style = find_style(scene)
     sums = []
     with create_like(path, scene, style, options) as dataset:
-        painted = walk(_Painter(style), surface, scene, crew, progress, "Painting")
+        painted = walk(_Painter(style), surface, scene, workers, progress, "Painting")
         for _, (core, pixels, known) in painted:
             window = rasterio.windows.Window(core.col, core.row, core.width, core.height)
             dataset.write(pixels, window=window)
@@ -152,23 +151,12 @@ def _checksums(pixels: NDArray[Any], known: NDArray[np.bool_]) -> Sums:
     return crc32(pixels.data), crc32(known.data)
 
 
-@contextmanager
-def _failures_told(target: Path) -> Iterator[None]:
-    try:
-        yield
-    except RasterioError as error:
-        raise OutputError(
-            f"{target} could not be written: {one_line(error)}; free some space, or choose another "
-            "folder"
-        ) from error
-
-
 def _read_back(
     shown: Scene,
     sums: Sequence[Sums],
     exact: bool,
     scene: Scene,
-    crew: Crew,
+    workers: Workers,
     progress: Progress,
 ) -> Fidelity:
     """Compare the file with the raster, once it is known to be whole.
@@ -182,12 +170,12 @@ def _read_back(
     )
     with shown.open():
         errors = map_tiles(
-            _compare_tile, tasks, len(tiles), crew, progress=progress, message="Comparing"
+            _compare_tile, tasks, len(tiles), workers, progress=progress, message="Comparing"
         )
         return summarise(scene, errors)
 
 
-def _compare_tile(task: tuple[Scene, Sums, bool, Scene, Tile]) -> Errors:
+def _compare_tile(task: tuple[Scene, Sums, bool, Scene, Tile]) -> ErrorSums:
     shown, expected, exact, scene, tile = task
     try:
         pixels, known = shown.read(tile.core)
@@ -197,7 +185,7 @@ def _compare_tile(task: tuple[Scene, Sums, bool, Scene, Tile]) -> Errors:
     if found != expected and (exact or found[1] != expected[1]):
         raise _spoilt(shown.name)
     bands, valid = scene.read(tile.core)
-    return find_errors(pixels, bands, valid & known)
+    return sum_errors(pixels, bands, valid & known)
 
 
 def _spoilt(target: str | Path) -> OutputError:

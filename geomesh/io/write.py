@@ -11,14 +11,15 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from geomesh.errors import OutputError
-from geomesh.formats.document import describe
-from geomesh.formats.feed import Feed
-from geomesh.formats.format import GPKG, Format, LayerFile, find_format
-from geomesh.formats.geopackage import PENDING, can_join, complete
-from geomesh.io.atomic import check_place, staged, undisturbed
-from geomesh.io.gdal_process import Scribes
-from geomesh.mesh.triangle_mesh import LAYERS, LayerName, Mesh
-from geomesh.parallel.tiles import Progress
+from geomesh.formats.batch_stream import BatchStream
+from geomesh.formats.document import build_document
+from geomesh.formats.format import PENDING, Format, LayerFile
+from geomesh.formats.registry import find_format
+from geomesh.io.atomic import check_place, staged, undisturbed, writing_to
+from geomesh.io.gdal_process import WriterPool
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.progress import Progress
+from geomesh.parameters import LAYERS, LayerName
 
 # Seconds between looks for Ctrl-C, and those granted to threads that were told to stop.
 _LOOK = 0.5
@@ -35,8 +36,8 @@ def check_output(
     path : path-like
     overwrite : bool
         Whether an existing file may be replaced.
-    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
-        By the extension of `path` if not given.
+    driver : str, optional
+        Name of a format (see docs/formats.md); by the extension of `path` if not given.
 
     Raises
     ------
@@ -49,7 +50,7 @@ def check_output(
 
 
 def write_mesh(
-    mesh: Mesh,
+    mesh: TriangleMesh,
     path: str | PathLike[str],
     *,
     layers: Iterable[LayerName] | None = None,
@@ -61,13 +62,13 @@ def write_mesh(
 
     Parameters
     ----------
-    mesh : Mesh
+    mesh : TriangleMesh
     path : path-like
     layers : iterable of {"triangles", "edges", "nodes"}, optional
         All three by default in a GeoPackage, else the triangles: the other formats
         hold one layer.
-    driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
-        By the extension of `path` if not given.
+    driver : str, optional
+        Name of a format (see docs/formats.md); by the extension of `path` if not given.
     overwrite : bool
         Replace an existing file, at the very end.
     progress : callable(fraction, message), optional
@@ -99,7 +100,7 @@ def open_writer(
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
     overwrite: bool = False,
-    scribes: Scribes | None = None,
+    writer_pool: WriterPool | None = None,
 ) -> Iterator[MeshWriter]:
     """Yield a writer of one mesh; its file is put in place when the block ends well.
 
@@ -107,7 +108,7 @@ def open_writer(
     ----------
     path, layers, driver, overwrite
         As in `write_mesh`, which tells the errors, too.
-    scribes : Scribes, optional
+    writer_pool : WriterPool, optional
         Processes to write the layers, side by side; without any this one does it.
     """
     target = Path(path)
@@ -115,7 +116,7 @@ def open_writer(
     file_format = find_format(target, driver)
     names = _choose_layers(layers, file_format)
     with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
-        writer = MeshWriter(target, temporary, names, file_format, scribes)
+        writer = MeshWriter(target, temporary, names, file_format, writer_pool)
         try:
             yield writer
         finally:
@@ -134,7 +135,7 @@ class MeshWriter:
         Where to write it.
     names : list of {"triangles", "edges", "nodes"}
     file_format : Format
-    scribes : Scribes, optional
+    writer_pool : WriterPool, optional
     """
 
     def __init__(
@@ -143,70 +144,75 @@ class MeshWriter:
         path: Path,
         names: list[LayerName],
         file_format: Format,
-        scribes: Scribes | None,
+        writer_pool: WriterPool | None,
     ) -> None:
         self._target = target
         self._path = path
         self._names = names
         self._format = file_format
-        self._scribes = scribes
-        writers = scribes.count if scribes is not None else 1
-        self._apart = file_format is GPKG and min(writers, len(names)) > 1 and can_join()
-        # Their own, not the crew's: they wait for scribes, and tiles should not wait for them.
+        self._scribes = writer_pool
+        writers = writer_pool.count if writer_pool is not None else 1
+        self._joining = file_format.joining
+        self._apart = (
+            self._joining is not None
+            and min(writers, len(names)) > 1
+            and self._joining.is_possible()
+        )
+        # Not the workers' threads: these wait for the writers, and tiles should not wait for them.
         # A file has one writer.
         self._threads = ThreadPoolExecutor(writers if self._apart else 1, "geomesh-layer")
-        self._feeds: dict[LayerName, Feed] = {}
+        self._streams: dict[LayerName, BatchStream] = {}
         self._written: dict[LayerName, Future[None]] = {}
         self._news: SimpleQueue[None] = SimpleQueue()
-        if scribes is not None and file_format.by_gdal:
-            scribes.warm()
+        if writer_pool is not None and file_format.by_gdal:
+            writer_pool.warm()
 
-    def begin(self, mesh: Mesh) -> None:
+    def begin(self, mesh: TriangleMesh) -> None:
         """Start on the edges, which need no statistics, where the format holds several layers.
 
         Parameters
         ----------
-        mesh : Mesh
+        mesh : TriangleMesh
             Final but for its tables and metadata.
         """
-        if self._format is GPKG and "edges" in self._names:
+        if self._joining is not None and "edges" in self._names:
             self._start(mesh, "edges", PENDING)
 
-    def finish(self, mesh: Mesh, progress: Progress) -> None:
+    def finish(self, mesh: TriangleMesh, progress: Progress) -> None:
         """Write the mesh if it passes its certificate; raise as `write_mesh` does."""
         progress(0.0, "Writing")
-        if self._format is GPKG:
+        if self._joining is not None:
             for name in self._names:
                 self._start(mesh, name, PENDING)
         # Not in this thread: a Ctrl-C while compiled code is loaded comes out as another error.
         with ThreadPoolExecutor(1, "geomesh-certificate") as thread:
             certificate = thread.submit(mesh.certify).result()
         certificate.require()
-        document = describe(mesh, certificate)
+        document = build_document(mesh, certificate)
         for name in self._names:
             self._start(mesh, name, document)
         self._await(len(mesh.nodes), len(mesh.triangles), progress)
-        if self._format is GPKG:
-            with self._failures_told():
-                complete(self._path, self._names, self._others(), document)
+        if self._joining is not None:
+            with self._one_line_failures():
+                self._joining.finish(self._path, self._names, self._others(), document)
         progress(1.0, "Written")
 
     def stop(self) -> None:
         """Make an end of what is still being written; nobody needs it."""
-        for feed in self._feeds.values():
-            feed.stop()
+        for stream in self._streams.values():
+            stream.stop()
         if self._scribes is not None:
             self._scribes.dismiss()
         self._threads.shutdown(wait=False, cancel_futures=True)
         begun = [future for future in self._written.values() if not future.cancelled()]
         wait(begun, timeout=_GRACE)
 
-    def _start(self, mesh: Mesh, name: LayerName, document: str) -> None:
-        if name not in self._feeds:
-            feed = self._feeds[name] = Feed(self._news)
+    def _start(self, mesh: TriangleMesh, name: LayerName, document: str) -> None:
+        if name not in self._streams:
+            stream = self._streams[name] = BatchStream(self._news)
             path = self._others().get(name, self._path)
             file = LayerFile(mesh, name, path, self._format, document)
-            self._written[name] = self._threads.submit(_write_layer, file, feed, self._scribes)
+            self._written[name] = self._threads.submit(_write_layer, file, stream, self._scribes)
             self._written[name].add_done_callback(lambda _: self._news.put(None))
 
     def _others(self) -> dict[LayerName, Path]:
@@ -225,9 +231,9 @@ class MeshWriter:
                 if not future.done():
                     running.append(name)
                     continue
-                with self._failures_told():
+                with self._one_line_failures():
                     future.result()
-            rows = sum(feed.rows for feed in self._feeds.values())
+            rows = sum(stream.rows for stream in self._streams.values())
             progress(min(rows / total, 1.0), f"Writing {', '.join(running)}".rstrip())
             if not running:
                 return
@@ -235,26 +241,21 @@ class MeshWriter:
                 self._news.get(timeout=_LOOK)
 
     @contextmanager
-    def _failures_told(self) -> Iterator[None]:
-        """Tell what a library says of a failed write in one line, and pass on all else."""
-        try:
-            yield
-        except Exception as error:
-            for feed in self._feeds.values():
-                if feed.failure is not None:
-                    raise feed.failure from None
-            if not _is_failed_write(error):
+    def _one_line_failures(self) -> Iterator[None]:
+        """Raise OutputError for what a library says of a failed write, and pass on all else."""
+        with writing_to(self._target, *_failed_writes()):
+            try:
+                yield
+            except Exception:
+                for stream in self._streams.values():
+                    if stream.failure is not None:
+                        raise stream.failure from None
                 raise
-            reason = " ".join(str(error).split())
-            raise OutputError(
-                f"{self._target} could not be written: {reason}; free some space or choose "
-                "another folder"
-            ) from error
 
 
 def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
     if layers is None:
-        return list(LAYERS if file_format.many_layers else LAYERS[:1])
+        return list(LAYERS if file_format.joining is not None else LAYERS[:1])
     asked = [layers] if isinstance(layers, str) else list(layers)
     for name in asked:
         if name not in LAYERS:
@@ -267,7 +268,7 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
     if not asked:
         raise OutputError(f"no layer to write; choose from {', '.join(LAYERS)}")
     chosen = [name for name in LAYERS if name in asked]
-    if len(chosen) > 1 and not file_format.many_layers:
+    if len(chosen) > 1 and file_format.joining is None:
         raise OutputError(
             f"{file_format.driver} holds one layer, not {', '.join(chosen)}; "
             "choose one of them, or write .gpkg"
@@ -275,17 +276,16 @@ def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> l
     return chosen
 
 
-def _write_layer(file: LayerFile, feed: Feed, scribes: Scribes | None) -> None:
+def _write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | None) -> None:
     # What writes files is loaded by the thread that needs it.
     from geomesh.io.layer import write_layer
 
-    write_layer(file, feed, scribes)
+    write_layer(file, stream, writer_pool)
 
 
-def _is_failed_write(error: Exception) -> bool:
-    """Tell whether an error is what a library says of a write that failed."""
+def _failed_writes() -> tuple[type[Exception], ...]:
+    """Return what libraries raise when a write has failed, beside OSError."""
     from pyarrow import ArrowException
     from pyogrio.errors import DataLayerError, DataSourceError
 
-    kinds = (OSError, DataSourceError, DataLayerError, ArrowException, sqlite3.Error)
-    return isinstance(error, kinds)
+    return DataSourceError, DataLayerError, ArrowException, sqlite3.Error

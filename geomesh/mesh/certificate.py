@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from geomesh.arrays.plain import plain_json
 from geomesh.errors import CertificateError
 
 
@@ -96,6 +96,6 @@ class Certificate:
         """Return the certificate as plain JSON values."""
         return {
             "passed": self.passed,
-            "min_angle_degrees": self.min_angle if math.isfinite(self.min_angle) else None,
+            "min_angle_degrees": plain_json(self.min_angle),
             "checks": [asdict(check) for check in self.checks],
         }

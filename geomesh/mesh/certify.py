@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from geomesh.arrays.jit import kernel
 from geomesh.arrays.table import blocks
 from geomesh.mesh.certificate import Certificate, Check, DomainFacts
+from geomesh.mesh.provenance import PixelCounts
 from geomesh.mesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
-from geomesh.raster.grid import signed_areas
+from geomesh.raster.areas import signed_areas
 
 # Bounds on the rounding error of the two predicates in float64, relative to the
 # sum of the absolute values of their terms (Shewchuk 1997, error bounds A).
@@ -33,8 +34,7 @@ def certify(
     plane_scale: tuple[float, float],
     counter_clockwise: bool,
     domain: DomainFacts,
-    covered_pixels: int | None = None,
-    counted_pixels: int | None = None,
+    pixels: PixelCounts | None = None,
 ) -> Certificate:
     """Check a triangulation of pixel-edge coordinates.
 
@@ -50,8 +50,8 @@ def certify(
     counter_clockwise : bool
         Orientation expected in (x, y) pixel numbers.
     domain : DomainFacts
-    covered_pixels, counted_pixels : int, optional
-        Pixel centres, and valid ones, inside the triangles, as found by the statistics.
+    pixels : PixelCounts, optional
+        As the statistics found them; None for a mesh without a raster.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:
@@ -73,7 +73,7 @@ def certify(
         _check_euler(used, len(triangles), edges, domain),
         _check_angles(angle_sums, edges, domain),
         _check_delaunay(plane, triangles, edges, fixed),
-        _check_pixels(covered_pixels, counted_pixels, domain),
+        _check_pixels(pixels, domain),
     ]
     return Certificate(tuple(checks), float(np.degrees(least)))
 
@@ -225,11 +225,12 @@ def _test_circles(
     return violations, ties
 
 
-def _check_pixels(covered: int | None, counted: int | None, domain: DomainFacts) -> Check:
+def _check_pixels(pixels: PixelCounts | None, domain: DomainFacts) -> Check:
     """Compare three independent counts: pixels in triangles, in the outline, and valid ones."""
     name = "each pixel of the domain lies in one triangle, none outside it"
-    if covered is None or counted is None:
+    if pixels is None:
         return Check(name, True, "not checked: the mesh was made without a raster")
+    covered, counted = pixels.covered, pixels.counted
     if domain.kind == "valid":
         holds = covered == domain.pixels == domain.valid_pixels - domain.pixels_dropped
         holds &= counted == domain.valid_pixels or domain.islands_dropped > 0

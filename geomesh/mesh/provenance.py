@@ -1,104 +1,136 @@
-"""The raster behind a mesh, found again: the same bands, and the part that was meshed."""
+"""Provenance: from which raster a mesh was made, how, and what was counted on the way."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-import shapely
-
-from geomesh.errors import BandError, GeoreferenceError
-from geomesh.mesh.triangle_mesh import Mesh
-from geomesh.raster.grid import LATTICE, Grid, Window
-from geomesh.raster.open import Source, open_scene
-from geomesh.raster.scene import Scene
+from geomesh.recipe import Recipe
 
 
-def open_original(
-    mesh: Mesh, source: Source, *, bidx: Sequence[int] | None = None, crs: Any = None
-) -> Scene:
-    """Return the part of a raster that a mesh lies on, read as when the mesh was made.
-
-    As the mesh's metadata says it: with the same bands, nodata value and area of interest.
+@dataclass(frozen=True)
+class SourceBand:
+    """A band that was meshed.
 
     Parameters
     ----------
-    mesh : Mesh
-    source : str, PathLike, rasterio dataset, or (array, transform, crs)
-        The raster that the mesh was made of, or another on the same pixels, such as its
-        other bands; it may be larger than the mesh.
-    bidx : sequence of int, optional
-        1-based bands, in place of those of which the mesh was made.
-    crs : str, int or pyproj.CRS, optional
-        Takes the place of the file's own, as it did when the mesh was made.
-
-    Raises
-    ------
-    SourceError, BandError
-        If the raster cannot be opened, or lacks the bands.
-    GeoreferenceError
-        If the pixels of the mesh are not among those of the raster.
+    name : str
+        Its column in the tables of the mesh.
+    index : int
+        1-based number in the source.
+    description : str or None
+        The source's own.
     """
-    made_of = mesh.metadata.get("source", {})
-    nodata = made_of.get("nodata")
-    bands = list(bidx) if bidx is not None else _bands(mesh)
-    try:
-        scene = open_scene(
-            source, bidx=bands, nodata=None if nodata is None else float(nodata), crs=crs
+
+    name: str
+    index: int
+    description: str | None
+
+
+@dataclass(frozen=True)
+class SourceRaster:
+    """What is needed to find the same pixels again.
+
+    Parameters
+    ----------
+    name : str
+    window : (int, int, int, int)
+        Column, row, width and height of the part that was meshed.
+    bands : tuple of SourceBand
+        In the order in which they were read.
+    nodata : float or None
+        The nodata value that was given in place of the source's own.
+    area : str or None
+        WKT of the area of interest, in pixel-edge coordinates of the source.
+    """
+
+    name: str
+    window: tuple[int, int, int, int]
+    bands: tuple[SourceBand, ...]
+    nodata: float | None
+    area: str | None
+
+
+@dataclass(frozen=True)
+class PixelCounts:
+    """Pixels whose centre a triangle owns, and the valid ones among them."""
+
+    covered: int
+    counted: int
+
+
+@dataclass(frozen=True)
+class CannyThresholds:
+    """Canny's hysteresis thresholds as they were used, in gray levels."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """How a mesh was made.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    source : SourceRaster
+    pixels : PixelCounts
+    canny : CannyThresholds
+    warnings : tuple of str
+        What the user was told.
+    versions : mapping of str to str
+        Of geomesh and the libraries that a result may depend on.
+    """
+
+    recipe: Recipe
+    source: SourceRaster
+    pixels: PixelCounts
+    canny: CannyThresholds
+    warnings: tuple[str, ...]
+    versions: Mapping[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the provenance as plain JSON values."""
+        source, nodata = asdict(self.source), self.source.nodata
+        return {
+            "recipe": self.recipe.to_dict(),
+            "source": {
+                **source,
+                "window": list(self.source.window),
+                "bands": list(source["bands"]),
+                # As text: JSON has no NaN.
+                "nodata": None if nodata is None else str(nodata),
+            },
+            "pixels": asdict(self.pixels),
+            "canny": asdict(self.canny),
+            "warnings": list(self.warnings),
+            "versions": dict(self.versions),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
+        """Return the provenance that `to_dict` wrote.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError, RecipeError
+            If something is missing, or is not what it should be.
+        """
+        source = values["source"]
+        nodata = source["nodata"]
+        return cls(
+            recipe=Recipe.from_dict(values["recipe"]),
+            source=SourceRaster(
+                name=source["name"],
+                window=tuple(source["window"]),
+                bands=tuple(SourceBand(**band) for band in source["bands"]),
+                nodata=None if nodata is None else float(nodata),
+                area=source["area"],
+            ),
+            pixels=PixelCounts(**values["pixels"]),
+            canny=CannyThresholds(**values["canny"]),
+            warnings=tuple(values["warnings"]),
+            versions=dict(values["versions"]),
         )
-    except BandError as error:
-        if bidx is not None:
-            raise
-        numbers = ",".join(map(str, bands or ()))
-        raise BandError(
-            f"{error}; the mesh is of bands {numbers}: choose others (--bidx)"
-        ) from error
-    window = _find(mesh.grid, scene)
-    area = None
-    if made_of.get("area") is not None:
-        # It is in the pixels of the raster that was meshed, which may have been another part.
-        col, row = made_of["window"][:2]
-        moved = np.array([window.col - col, window.row - row])
-        area = shapely.transform(shapely.from_wkt(made_of["area"]), lambda xy: xy + moved)
-    return scene.crop(window, area)
-
-
-def _bands(mesh: Mesh) -> list[int] | None:
-    """Return the numbers of the bands of which a mesh was made, in their order, if it knows."""
-    known = mesh.metadata.get("source", {}).get("bands", {})
-    # JSON has sorted them; the columns of the nodes are as they were.
-    names = [name for name in mesh.node_table if name in known] or list(known)
-    # The three colours of a palette are of one band.
-    return list(dict.fromkeys(known[name]["index"] for name in names)) or None
-
-
-def _find(grid: Grid, scene: Scene) -> Window:
-    """Return the pixels of a scene that are those of a mesh's grid."""
-    if grid.crs != scene.grid.crs:
-        raise GeoreferenceError(
-            f"the mesh is in {_crs(grid)} and {scene.name} in {_crs(scene.grid)}: name the raster "
-            "that the mesh was made of, or give the CRS that it got then (--crs)"
-        )
-    corners = np.array([(0, 0), (grid.width, 0), (grid.width, grid.height), (0, grid.height)])
-    there = scene.grid.to_pixel(grid.to_map(corners))
-    col, row = np.rint(there[0]).astype(int).tolist()
-    window = Window(col, row, grid.width, grid.height)
-    # Nearer than the lattice of the nodes is nearer than anything that the mesh can tell.
-    meets = np.abs(there - corners - (col, row)).max() < 1 / LATTICE
-    if not meets or window.clip(scene.grid.extent) != window:
-        raise GeoreferenceError(
-            f"the pixels of the mesh ({_lattice(grid)}) are not among those of {scene.name} "
-            f"({_lattice(scene.grid)}): name the raster that the mesh was made of"
-        )
-    return window
-
-
-def _crs(grid: Grid) -> str:
-    return grid.crs.to_string() if grid.crs else "no CRS"
-
-
-def _lattice(grid: Grid) -> str:
-    a, b, c, d, e, f = grid.transform[:6]
-    turned = f" turned by {b:g}, {d:g}" if b or d else ""
-    return f"{grid.width} x {grid.height} of {a:g}, {e:g}{turned} from {c:.10g}, {f:.10g}"

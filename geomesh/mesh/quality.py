@@ -20,11 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from geomesh.arrays.plain import plain_json
 from geomesh.arrays.table import Table, blocks
-from geomesh.mesh.topology import Triangles
-from geomesh.raster.grid import Points
-
-Floats = NDArray[np.float64]
+from geomesh.arrays.types import Floats, Points, Triangles
 
 LABELLING = (
     "ki: AB is the shortest side, BC the longest (the greatest value of the three labellings); "
@@ -72,10 +70,12 @@ class Quality:
             "triangles": self.table.length,
             "size": [float(length) for length in self.size],
             "labelling": LABELLING,
-            "ki_normalised": _plain(_mean(self.table["ki"]) / ki_scale) if ki_scale else None,
-            "mean_sides": {name: _plain(_mean(self.table[name])) for name in ("ab", "bc", "ca")},
+            "ki_normalised": plain_json(_mean(self.table["ki"]) / ki_scale) if ki_scale else None,
+            "mean_sides": {
+                name: plain_json(_mean(self.table[name])) for name in ("ab", "bc", "ca")
+            },
             "share_min_angle_under": {
-                str(limit): _plain(_mean(least < limit)) for limit in _SMALL_ANGLES
+                str(limit): plain_json(_mean(least < limit)) for limit in _SMALL_ANGLES
             },
             "measures": {name: _figures(values) for name, values in self.table.items()},
         }
@@ -210,14 +210,9 @@ def _figures(values: Floats) -> dict[str, float | None]:
         ranks = np.percentile(values, _PERCENTILES)
         median = float(np.median(values))
     return {
-        "mean": _plain(_mean(values)),
-        "median": _plain(median),
-        **{f"p{p}": _plain(float(rank)) for p, rank in zip(_PERCENTILES, ranks, strict=True)},
-        "min": _plain(float(values.min())),
-        "max": _plain(float(values.max())),
+        "mean": plain_json(_mean(values)),
+        "median": plain_json(median),
+        **{f"p{p}": plain_json(float(rank)) for p, rank in zip(_PERCENTILES, ranks, strict=True)},
+        "min": plain_json(float(values.min())),
+        "max": plain_json(float(values.max())),
     }
-
-
-def _plain(value: float) -> float | None:
-    """`value` as JSON has it: None where it is not finite."""
-    return value if math.isfinite(value) else None

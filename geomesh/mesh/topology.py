@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
+from geomesh.arrays.types import Triangles
 
 FILL = -1
-
-Triangles = NDArray[np.int32]
 
 
 class Edges(NamedTuple):

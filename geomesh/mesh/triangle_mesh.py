@@ -1,40 +1,34 @@
-"""Mesh: the nodes, edges and triangles of an image, on the map, with their attributes."""
+"""TriangleMesh: nodes, edges and triangles on the map, with their attributes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from geomesh.arrays.table import Table, read_only
+from geomesh.arrays.types import Points
 from geomesh.mesh.certificate import Certificate, DomainFacts
 from geomesh.mesh.certify import certify
+from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.quality import Quality, measure, measure_each
 from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
-from geomesh.raster.grid import Grid, Points
+from geomesh.parameters import LAYERS, LayerName
+from geomesh.raster.grid import Grid
 
 if TYPE_CHECKING:
-    from os import PathLike
-    from pathlib import Path
-
     import geopandas as gpd
-
-    from geomesh.raster.open import Source
-    from geomesh.surface.fidelity import Fidelity
-
-LayerName = Literal["triangles", "edges", "nodes"]
-LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class TriangleMesh:
     """A conforming triangle mesh of a raster.
 
     Parameters
@@ -54,8 +48,8 @@ class Mesh:
         lengths and angles are taken; the source's own by default.
     node_table, triangle_table : Table
         Attributes that cannot be derived from the geometry.
-    metadata : mapping
-        JSON-able: recipe, source, versions, warnings.
+    provenance : Provenance, optional
+        How it was made; None for a mesh without a raster.
     """
 
     nodes: Points
@@ -66,14 +60,13 @@ class Mesh:
     plane_size: tuple[int, int] = (0, 0)
     node_table: Table = field(default_factory=lambda: Table({}))
     triangle_table: Table = field(default_factory=lambda: Table({}))
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "nodes", read_only(self.nodes, np.float64))
         set_field(self, "triangles", read_only(self.triangles, np.int32))
         set_field(self, "constraints", read_only(self.constraints, np.int32))
-        set_field(self, "metadata", MappingProxyType(dict(self.metadata)))
         if self.plane_size == (0, 0):
             set_field(self, "plane_size", (self.grid.width, self.grid.height))
         for table, rows in ((self.node_table, self.nodes), (self.triangle_table, self.triangles)):
@@ -82,22 +75,22 @@ class Mesh:
 
     def __repr__(self) -> str:
         crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
-        return f"<Mesh: {len(self.nodes)} nodes, {len(self.triangles)} triangles, {crs}>"
-
-    def _repr_html_(self) -> str:
-        from geomesh.view.notebook import mesh_html
-
-        return mesh_html(self)
+        counts = f"{len(self.nodes)} nodes, {len(self.triangles)} triangles"
+        return f"<{type(self).__name__}: {counts}, {crs}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copies and pickles are built anew, so that their arrays are read-only too.
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Mesh, tuple((values | {"metadata": dict(self.metadata)}).values())
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def plane_scale(self) -> tuple[float, float]:
         """Factors in x and y from source pixels to the plane that was triangulated."""
         return self.plane_size[0] / self.grid.width, self.plane_size[1] / self.grid.height
+
+    @cached_property
+    def metadata(self) -> Mapping[str, Any]:
+        """How the mesh was made, as plain JSON values: see `Provenance.to_dict`."""
+        return MappingProxyType({} if self.provenance is None else self.provenance.to_dict())
 
     @cached_property
     def plane_nodes(self) -> Points:
@@ -136,7 +129,7 @@ class Mesh:
         width, height = self.plane_size
         return measure(self.plane_nodes, self.triangles, size=(width, height))
 
-    def with_measures(self, space: Literal["image", "map"] = "image") -> Mesh:
+    def with_measures(self, space: Literal["image", "map"] = "image") -> Self:
         """Return the mesh with every measure of `quality` as an attribute of its triangles.
 
         Names of measures in map units begin with ``map_``.
@@ -149,7 +142,7 @@ class Mesh:
 
     def certify(self) -> Certificate:
         """Check the mesh and return what was checked (see `geomesh.mesh.certify`)."""
-        pixels = self.metadata.get("pixels", {})
+        pixels = None if self.provenance is None else self.provenance.pixels
         return certify(
             self.nodes,
             self.triangles,
@@ -157,8 +150,7 @@ class Mesh:
             plane_scale=self.plane_scale,
             counter_clockwise=not self.grid.flips,
             domain=self.domain,
-            covered_pixels=pixels.get("covered"),
-            counted_pixels=pixels.get("counted"),
+            pixels=pixels,
         )
 
     def attributes(self, layer: LayerName) -> Table:
@@ -243,55 +235,3 @@ class Mesh:
         from geomesh.mesh.graph import build_graph
 
         return build_graph(self.map_nodes, self.edges, library)
-
-    def to_file(
-        self,
-        path: str | PathLike[str],
-        *,
-        layers: Iterable[LayerName] | None = None,
-        driver: str | None = None,
-        overwrite: bool = False,
-        progress: Callable[[float, str], None] | None = None,
-    ) -> Path:
-        """Write the mesh to a file; see `geomesh.io.write.write_mesh`.
-
-        Parameters
-        ----------
-        path : path-like
-        layers : iterable of {"triangles", "edges", "nodes"}, optional
-            All three by default in a GeoPackage, else the triangles.
-        driver : {"GPKG", "GeoJSON", "FlatGeobuf", "Parquet", "UGRID"}, optional
-            By the extension of `path` if not given.
-        overwrite : bool
-            Replace an existing file.
-        progress : callable(fraction, message), optional
-        """
-        from geomesh.io.write import write_mesh
-
-        return write_mesh(
-            self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
-        )
-
-    def psnr(self, source: Source, **options: Any) -> Fidelity:
-        """Return how faithfully the mesh shows a raster; see `geomesh.surface.fidelity.judge`."""
-        from geomesh.surface.fidelity import judge
-
-        return judge(self, source, **options)
-
-    def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
-        """Paint the mesh on a raster's pixels; see `geomesh.io.render.render_file`."""
-        from geomesh.io.render import render_file
-
-        return render_file(self, source, path, **options)
-
-    def plot(self, column: str = "color", **options: Any) -> Any:
-        """Draw the mesh with matplotlib, filled by `column`; see `geomesh.view.plot.plot_mesh`."""
-        from geomesh.view.plot import plot_mesh
-
-        return plot_mesh(self, column, **options)
-
-    def explore(self, column: str = "color", **options: Any) -> Any:
-        """Show the triangles on a web map: see `geomesh.view.notebook.explore`."""
-        from geomesh.view.notebook import explore
-
-        return explore(self, column, **options)

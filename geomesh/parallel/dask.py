@@ -1,4 +1,4 @@
-"""A crew of workers on a Dask cluster, wherever they are."""
+"""The workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from contextlib import contextmanager
 from typing import Any
 
 from geomesh._version import __version__
-from geomesh.errors import MissingExtraError, WorkerError, one_line
-from geomesh.parallel.workers import Crew, open_crew
+from geomesh.errors import WorkerError, extra_required, one_line
+from geomesh.parallel.workers import Workers, open_workers
 
 # Seconds until a scheduler, or its workers, count as not answering.
 _PATIENCE = 6
 
 
 @contextmanager
-def open_cluster(address: str) -> Iterator[Crew]:
-    """Yield the crew of a running Dask cluster.
+def open_dask_workers(address: str) -> Iterator[Workers]:
+    """Yield the workers of a running Dask cluster.
 
     A worker that is lost does not matter: Dask gives its tiles to another.
 
@@ -31,12 +31,8 @@ def open_cluster(address: str) -> Iterator[Crew]:
     WorkerError
         If the scheduler does not answer, has no workers, or they run another version.
     """
-    try:
+    with extra_required("dask.distributed", "dask"):
         from distributed import Client
-    except ImportError as error:
-        raise MissingExtraError(
-            "dask.distributed is not installed: pip install 'geomesh-toolkit[dask]'"
-        ) from error
     try:
         # Client has no limit on the wait for what is at the address to say that it is a scheduler.
         asyncio.run(_greet(address))
@@ -48,8 +44,8 @@ def open_cluster(address: str) -> Iterator[Crew]:
         ) from error
     with client:
         size = _count_workers(client, address)
-        with open_crew(size, client.get_executor()) as crew:
-            yield crew
+        with open_workers(size, client.get_executor()) as workers:
+            yield workers
 
 
 async def _greet(address: str) -> None:

@@ -26,7 +26,7 @@ def keep_freed_memory() -> None:
         library.mallopt(_ARENA_MAX, 1)
 
 
-def give_back() -> None:
+def trim_memory() -> None:
     """Return to the system what is free now, after the work that needs the most."""
     library = _gnu_library()
     if library is not None:

@@ -1,11 +1,25 @@
-"""Progress of long work, for people: a bar on standard error."""
+"""Progress of long work: who is told, and a bar on standard error for people."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from geomesh.parallel.tiles import Progress
+# Gets the fraction that is done (0..1) and a message; raises to cancel.
+Progress = Callable[[float, str], None]
+
+
+def silent(fraction: float, message: str) -> None:
+    """Tell nobody."""
+
+
+def part_of(progress: Progress, start: float, stop: float) -> Progress:
+    """Return a callable that reports 0..1 as `start`..`stop` to `progress`."""
+
+    def report(fraction: float, message: str) -> None:
+        progress(start + fraction * (stop - start), message)
+
+    return report
 
 
 @contextmanager
@@ -17,7 +31,7 @@ def reporting(progress: bool | Progress) -> Iterator[Progress]:
         with bar() as report:
             yield report
     else:
-        yield lambda _fraction, _message: None
+        yield silent
 
 
 @contextmanager

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
-from geomesh.parallel.workers import Crew
+from geomesh.parallel.progress import Progress
+from geomesh.parallel.workers import Workers
 from geomesh.raster.grid import Window
 
 CORE = 1024
@@ -19,7 +20,6 @@ HALO = 64
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +40,11 @@ def plan_tiles(extent: Window, *, core: int = CORE, halo: int = HALO) -> list[Ti
     return tiles
 
 
-def part_of(progress: Progress, start: float, stop: float) -> Progress:
-    """Return a callable that reports 0..1 as `start`..`stop` to `progress`."""
-
-    def report(fraction: float, message: str) -> None:
-        progress(start + fraction * (stop - start), message)
-
-    return report
-
-
 def map_tiles(
     function: Callable[[Task], Result],
     tasks: Iterable[Task],
     total: int,
-    crew: Crew,
+    workers: Workers,
     *,
     progress: Progress,
     message: str,
@@ -64,6 +55,6 @@ def map_tiles(
     decides where its result comes.
     """
     progress(0.0, f"{message}: {total} tiles")
-    for done, result in enumerate(crew.map(function, tasks), start=1):
+    for done, result in enumerate(workers.map(function, tasks), start=1):
         yield result
         progress(done / total, f"{message}: tile {done} of {total}")

@@ -28,7 +28,7 @@ _AHEAD = 2
 
 
 @dataclass(frozen=True)
-class Crew:
+class Workers:
     """Those who work on the tiles of a scene.
 
     Parameters
@@ -66,7 +66,7 @@ class Crew:
             for task in tasks:
                 if len(under_way) >= _AHEAD * self.size:
                     yield under_way.popleft().result()
-                errand = _Errand(function, task, options, self.shares_memory)
+                errand = _RemoteCall(function, task, options, self.shares_memory)
                 under_way.append(self.tiles.submit(errand))
             while under_way:
                 yield under_way.popleft().result()
@@ -83,8 +83,8 @@ class Crew:
 
 
 @contextmanager
-def open_crew(workers: int | None = None, executor: Executor | None = None) -> Iterator[Crew]:
-    """Yield the crew: threads of its own, one for each core by default, or an executor's workers.
+def open_workers(workers: int | None = None, executor: Executor | None = None) -> Iterator[Workers]:
+    """Yield the workers: threads, one a core by default, or those of an executor.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def open_crew(workers: int | None = None, executor: Executor | None = None) -> I
     done = False
     try:
         with _process_kept:
-            yield Crew(executor or local, size, local)
+            yield Workers(executor or local, size, local)
         done = True
     finally:
         # After an error nobody waits for what is still running: it is not needed.
@@ -122,10 +122,10 @@ def available_cores() -> int:
 
 
 class _ProcessKept:
-    """Keeps OpenCV to one thread for as long as any crew of this process is open.
+    """Keeps OpenCV to one thread for as long as any `Workers` of this process are open.
 
     The cores are for the tiles; and with another number of threads SIFT finds a few other
-    keypoints, so that no crew may set it free while another is at work. At the end of the
+    keypoints, so that none may set it free while others are at work. At the end of the
     last one GDAL's cache, which `settings` changes, has its size again, too.
     """
 
@@ -158,7 +158,7 @@ _process_kept = _ProcessKept()
 
 
 @dataclass(frozen=True, repr=False)
-class _Errand(Generic[Task, Result]):
+class _RemoteCall(Generic[Task, Result]):
     """A task to be done elsewhere, under the caller's settings."""
 
     function: Callable[[Task], Result]
@@ -170,7 +170,7 @@ class _Errand(Generic[Task, Result]):
         import cv2
         from rasterio.env import Env, setenv
 
-        cv2.setNumThreads(1)  # elsewhere no crew is open
+        cv2.setNumThreads(1)  # elsewhere no `Workers` are open
         with Env():
             # Not as arguments of Env, which refuses credentials among them.
             setenv(**self.gdal_options)

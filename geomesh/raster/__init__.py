@@ -1,1 +1,5 @@
 """Rasters: any source as a Scene that is read by windows, on a Grid."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

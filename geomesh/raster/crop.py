@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 # A pixel border that a box meets up to rounding is the box's own border.
 _SNAP = 1e-6
 
+# A picture shows a larger scene by its middle, at full resolution: details are the point.
+LARGEST_SIDE = 2048
+SHOWN_SIDE = 1024
+
 # What a GeoPackage calls the CRS of a layer without one.
 _UNDEFINED = "Undefined"
 
@@ -120,3 +124,12 @@ def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
     if isinstance(mask, gpd.GeoDataFrame | gpd.GeoSeries):
         return gpd.GeoSeries(mask.geometry)
     raise SourceError(f"{name} has no geometry; give a file, GeoDataFrame or GeoSeries of polygons")
+
+
+def middle(scene: Scene) -> Scene:
+    """Return the scene, or its middle if it is too large for a picture."""
+    width, height = scene.grid.width, scene.grid.height
+    if max(width, height) <= LARGEST_SIDE:
+        return scene
+    w, h = min(width, SHOWN_SIDE), min(height, SHOWN_SIDE)
+    return scene.crop(Window((width - w) // 2, (height - h) // 2, w, h), scene.area)

@@ -11,7 +11,7 @@ import numpy as np
 from affine import Affine
 from numpy.typing import NDArray
 
-from geomesh.errors import GeoreferenceError, MissingExtraError, SourceError, one_line
+from geomesh.errors import GeoreferenceError, SourceError, extra_required, one_line
 from geomesh.raster.grid import IDENTITY
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # What the third dimension may be called: by rioxarray, by Dataset.to_dataarray(), by openEO.
 _BAND_DIMENSIONS = ("band", "variable", "bands")
 
-# Share of a pixel by which coordinates may differ from evenly spaced ones.
+# TileMesh of a pixel by which coordinates may differ from evenly spaced ones.
 _TOLERANCE = 1e-3
 
 
@@ -142,14 +142,9 @@ def read_dataarray(
             "a Dataset is many rasters: choose a variable, as in ds['red'], or stack those of one "
             "grid as bands with .to_dataarray()"
         )
-    try:
+    with extra_required("rioxarray, which reads a DataArray's georeference,", "xarray"):
         import rioxarray  # noqa: F401
         from rioxarray.exceptions import MissingSpatialDimensionError
-    except ImportError as error:
-        raise MissingExtraError(
-            "rioxarray is not installed, and a DataArray needs it: "
-            "pip install 'geomesh-toolkit[xarray]'"
-        ) from error
     name = name or str(source.name or "the DataArray")
     try:
         y, x = source.rio.y_dim, source.rio.x_dim

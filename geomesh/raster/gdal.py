@@ -23,7 +23,7 @@ from geomesh.errors import SourceError, one_line
 _CACHE = "GDAL_CACHEMAX"
 CACHE_BYTES = 256_000_000
 
-# One handle on a local file feeds so many cores: see Handles.lend.
+# One handle on a local file streams so many cores: see Handles.lend.
 _CORES_A_HANDLE = 8
 
 # A process that reads one scene after another keeps the handles of the last few.
@@ -113,7 +113,7 @@ class Handles:
         return handle
 
 
-class Borrowed:
+class BorrowedDataset:
     """A dataset that the caller opened, and may close as soon as it is given back.
 
     It is one handle, whatever threads want it. A task that nobody waits for any more may

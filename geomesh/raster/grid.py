@@ -10,11 +10,9 @@ from affine import Affine
 from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.table import blocks
+from geomesh.arrays.types import Points
 from geomesh.errors import GeoreferenceError
-
-Points = NDArray[np.float64]
+from geomesh.raster.areas import ellipsoidal_areas, signed_areas
 
 IDENTITY = Affine.identity()
 
@@ -197,7 +195,7 @@ class Grid:
             ellipsoid = self.crs.ellipsoid
             if ellipsoid is None:
                 raise GeoreferenceError(f"{self.crs.name!r} names no ellipsoid to measure areas on")
-            return _ellipsoidal_areas(
+            return ellipsoidal_areas(
                 places * unit, triangles, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
             )
         return np.abs(signed_areas(places, triangles)) * unit**2
@@ -214,69 +212,3 @@ def _apply(transform: Affine, points: ArrayLike) -> Points:
     a, b, c, d, e, f = transform[:6]
     x, y = xy[:, 0], xy[:, 1]
     return np.column_stack([a * x + b * y + c, d * x + e * y + f])
-
-
-@kernel
-def signed_areas(
-    points: NDArray[np.float64], triangles: NDArray[np.integer]
-) -> NDArray[np.float64]:
-    """Signed planar areas of triangles (T, 3) of points (N, 2); positive if counter-clockwise."""
-    areas = np.empty(len(triangles))
-    for t in range(len(triangles)):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
-        areas[t] = 0.5 * (abx * acy - aby * acx)
-    return areas
-
-
-def _ellipsoidal_areas(
-    points: Points, triangles: NDArray[np.integer], semi_major: float, semi_minor: float
-) -> NDArray[np.float64]:
-    """Areas in m2 of triangles (T, 3) of points (N, 2) in radians of longitude and latitude."""
-    # A side of 180 degrees or more would be taken the shorter way around: cut it.
-    longitude = points[:, 0]
-    sides = (longitude[triangles[:, k]] - longitude[triangles[:, k - 1]] for k in range(3))
-    longest = max(float(np.abs(side).max(initial=0)) for side in sides)
-    pieces = max(math.ceil(longest / (math.pi / 2)), 1)
-    areas = np.empty(len(triangles))
-    for block in blocks(len(triangles)):
-        areas[block] = _block_areas(points[triangles[block]], semi_major, semi_minor, pieces)
-    return areas
-
-
-def _block_areas(
-    corners: NDArray[np.float64], semi_major: float, semi_minor: float, pieces: int
-) -> NDArray[np.float64]:
-    """Areas of triangles (T, 3, 2), each side cut into `pieces`.
-
-    Latitudes become authalic ones (Snyder 1987, eq. 3-11 to 3-13), which maps the
-    ellipsoid onto a sphere of equal area; there the area between a great-circle
-    arc and the equator has a closed form (Karney 2013, section 6), and the three
-    sides add up.
-    """
-    side = np.roll(corners, -1, axis=1) - corners
-    shares = np.arange(pieces)[:, None] / pieces
-    ring = (corners[:, :, None] + side[:, :, None] * shares).reshape(len(corners), 3 * pieces, 2)
-    limit = math.pi / 2
-    sine = np.sin(np.clip(ring[..., 1], -limit, limit))
-    eccentricity = math.sqrt(max(1 - (semi_minor / semi_major) ** 2, 0.0))
-    if eccentricity > 0:
-        pole = float(_authalic_q(np.ones(1), eccentricity)[0])
-        sine = np.clip(_authalic_q(sine, eccentricity) / pole, -1, 1)
-    else:
-        pole = 2.0
-    radius_squared = semi_major**2 * pole / 2
-    half_tangent = np.tan(np.arcsin(sine) / 2)
-    t0, t1 = half_tangent, np.roll(half_tangent, -1, axis=1)
-    turn = np.tan((np.roll(ring[..., 0], -1, axis=1) - ring[..., 0]) / 2)
-    excess = 2 * np.arctan2(turn * (t0 + t1), 1 + t0 * t1).sum(axis=1)
-    areas: NDArray[np.float64] = np.abs(excess) * radius_squared
-    return areas
-
-
-def _authalic_q(sine: NDArray[np.float64], e: float) -> NDArray[np.float64]:
-    """Snyder's q of the sine of the latitude, for eccentricity `e` > 0."""
-    es = e * sine
-    q: NDArray[np.float64] = (1 - e**2) * (sine / (1 - es**2) + np.arctanh(es) / e)
-    return q

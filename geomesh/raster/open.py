@@ -20,7 +20,7 @@ from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.raster.bands import array_bands, dataset_bands
 from geomesh.raster.crop import restrict
 from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
-from geomesh.raster.gdal import Borrowed, open_raster
+from geomesh.raster.gdal import BorrowedDataset, open_raster
 from geomesh.raster.georeference import georeference
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.scene import Excerpt, Scene
@@ -86,7 +86,7 @@ def open_scene(
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
-        scene = _dataset_scene(name or source.name, Borrowed(source), source, bidx, given)
+        scene = _dataset_scene(name or source.name, BorrowedDataset(source), source, bidx, given)
     elif isinstance(source, str | PathLike):
         path = fspath(source)
         with open_raster(path) as dataset:
@@ -137,7 +137,7 @@ def _array_scene(raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | N
 
 def _dataset_scene(
     name: str,
-    source: str | Borrowed,
+    source: str | BorrowedDataset,
     dataset: rasterio.DatasetReader,
     bidx: Sequence[int] | None,
     given: CRS | None,

@@ -24,7 +24,7 @@ from geomesh.raster.bands import (
     find_rgb,
     palette,
 )
-from geomesh.raster.gdal import CACHE_BYTES, Borrowed, close_handles, handles, is_remote
+from geomesh.raster.gdal import CACHE_BYTES, BorrowedDataset, close_handles, handles, is_remote
 from geomesh.raster.grid import Grid, Window
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
@@ -85,7 +85,7 @@ class Scene:
     bands : tuple of Band
         After a palette has become colours.
     dtype : numpy.dtype
-    source : str, Borrowed or Excerpt
+    source : str, BorrowedDataset or Excerpt
         A file's absolute path or URL, the caller's open dataset, or an array.
     size : (int, int)
         Width and height of the whole raster.
@@ -106,7 +106,7 @@ class Scene:
     window: Window
     bands: tuple[Band, ...]
     dtype: np.dtype[Any]
-    source: str | Borrowed | Excerpt
+    source: str | BorrowedDataset | Excerpt
     size: tuple[int, int]
     nodata: float | None = None
     area: Any = None
@@ -133,7 +133,7 @@ class Scene:
     def open(self) -> Iterator[Scene]:
         """Keep this process's handles on the source for as long as the block lasts."""
         try:
-            with self.source.used() if isinstance(self.source, Borrowed) else nullcontext():
+            with self.source.used() if isinstance(self.source, BorrowedDataset) else nullcontext():
                 yield self
         finally:
             close_handles(self.reading)
@@ -158,7 +158,7 @@ class Scene:
         """Return the context of the dataset behind the scene, for one thread at a time."""
         if isinstance(self.source, Excerpt):
             raise TypeError(f"{self.name} is an array, not a dataset")
-        if isinstance(self.source, Borrowed):
+        if isinstance(self.source, BorrowedDataset):
             return self.source.lend()
         return handles(self.reading, self.source, self.size).lend(shared=shared)
 

@@ -10,17 +10,19 @@ from operator import add
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from geomesh.arrays.plain import plain_json
+from geomesh.arrays.types import Floats
 from geomesh.errors import EmptyError
-from geomesh.mesh.provenance import open_original
-from geomesh.mesh.triangle_mesh import Mesh
-from geomesh.parallel.progress import reporting
-from geomesh.parallel.tiles import Progress, part_of
-from geomesh.parallel.workers import Crew, open_crew
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.progress import Progress, part_of, reporting
+from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.open import Source
 from geomesh.raster.scene import Scene
-from geomesh.surface.fit import Surface, Task, fit_surface, walk
-from geomesh.surface.paint import Errors, Fit, Model, find_errors, psnr
+from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
+from geomesh.surface.original import open_original
+from geomesh.surface.paint import Fit, Model
 from geomesh.zonal.columns import band_names
 
 
@@ -54,24 +56,22 @@ class Fidelity:
 
     def summary(self) -> dict[str, Any]:
         """Return it as JSON-able values; an infinite PSNR is None there."""
-        return {
-            "pixels": self.pixels,
-            "psnr": _finite(self.overall),
-            "bands": {
-                name: {"psnr": _finite(decibels), "rmse": rmse, "peak": peak}
-                for name, decibels, rmse, peak in zip(
-                    self.bands, self.psnr, self.rmse, self.peak, strict=True
-                )
-            },
-        }
+        figures = zip(self.bands, self.psnr, self.rmse, self.peak, strict=True)
+        summary: dict[str, Any] = plain_json(
+            {
+                "pixels": self.pixels,
+                "psnr": self.overall,
+                "bands": {
+                    name: {"psnr": decibels, "rmse": rmse, "peak": peak}
+                    for name, decibels, rmse, peak in figures
+                },
+            }
+        )
+        return summary
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def judge(
-    mesh: Mesh,
+def measure_fidelity(
+    mesh: TriangleMesh,
     source: Source,
     *,
     model: Model = "linear",
@@ -85,7 +85,7 @@ def judge(
 
     Parameters
     ----------
-    mesh : Mesh
+    mesh : TriangleMesh
     source : str, PathLike, rasterio dataset, or (array, transform, crs)
         The raster that the mesh was made of, or another on the same pixels; it may be
         larger than the mesh.
@@ -115,20 +115,20 @@ def judge(
     27.1
     """
     scene = open_original(mesh, source, bidx=bidx, crs=crs)
-    with reporting(progress) as report, open_crew(workers) as crew, scene.open():
+    with reporting(progress) as report, open_workers(workers) as pool, scene.open():
         surface = fit_surface(
             mesh.nodes,
             mesh.triangles,
             scene,
             model=model,
             fit=fit,
-            crew=crew,
+            workers=pool,
             progress=part_of(report, 0, 0.7),
         )
-        return compare(surface, scene, crew, part_of(report, 0.7, 1))
+        return compare(surface, scene, pool, part_of(report, 0.7, 1))
 
 
-def compare(surface: Surface, scene: Scene, crew: Crew, progress: Progress) -> Fidelity:
+def compare(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Fidelity:
     """Return how faithfully a surface shows a scene.
 
     Raises
@@ -136,17 +136,17 @@ def compare(surface: Surface, scene: Scene, crew: Crew, progress: Progress) -> F
     EmptyError
         If no valid pixel of the scene is in a triangle.
     """
-    work = walk(_compare_tile, surface, scene, crew, progress, "Comparing")
+    work = walk(_compare_tile, surface, scene, workers, progress, "Comparing")
     return summarise(scene, (errors for _, errors in work))
 
 
-def _compare_tile(task: Task) -> Errors:
+def _compare_tile(task: SurfaceTile) -> ErrorSums:
     scene, tile, surface = task
     bands, valid = scene.read(tile.core)
-    return find_errors(surface.image(tile.core), bands, valid)
+    return sum_errors(surface.image(tile.core), bands, valid)
 
 
-def summarise(scene: Scene, parts: Iterable[Errors]) -> Fidelity:
+def summarise(scene: Scene, parts: Iterable[ErrorSums]) -> Fidelity:
     """Return the fidelity to a scene from the errors of its tiles, summed in the order given."""
     errors = reduce(add, parts)
     if errors.pixels == 0:
@@ -168,3 +168,57 @@ def summarise(scene: Scene, parts: Iterable[Errors]) -> Fidelity:
         psnr=tuple(psnr(rmse, peak).tolist()),
         overall=float(psnr(math.sqrt(np.square(share).mean()), 1.0)),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSums:
+    """What a picture errs by; the errors of parts add up.
+
+    Parameters
+    ----------
+    pixels : int
+        Valid pixels that have a value in the picture.
+    norm : float64 (B,)
+        Root of the sum of the squared errors of these.
+    low, high : float64 (B,)
+        Least and greatest of their true values.
+    """
+
+    pixels: int
+    norm: Floats
+    low: Floats
+    high: Floats
+
+    def __add__(self, other: ErrorSums) -> ErrorSums:
+        return ErrorSums(
+            self.pixels + other.pixels,
+            np.hypot(self.norm, other.norm),
+            np.minimum(self.low, other.low),
+            np.maximum(self.high, other.high),
+        )
+
+
+def sum_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_]) -> ErrorSums:
+    """Return what a picture (B, h, w) errs by, where it is not NaN and `bands` are valid."""
+    known = valid & ~np.isnan(image).any(axis=0)
+    norm = np.zeros(len(bands))
+    low, high = np.full(len(bands), np.inf), np.full(len(bands), -np.inf)
+    for band, (shown, true) in enumerate(zip(image, bands, strict=True)):
+        pixels = true[known].astype(np.float64)
+        errors = np.abs(shown[known] - pixels)
+        largest = errors.max(initial=0)
+        if largest > 0:  # squares of errors as they are may be beyond float64
+            norm[band] = largest * np.sqrt(np.square(errors / largest).sum())
+        low[band], high[band] = pixels.min(initial=np.inf), pixels.max(initial=-np.inf)
+    return ErrorSums(int(known.sum()), norm, low, high)
+
+
+def psnr(rmse: ArrayLike, peak: ArrayLike) -> Floats:
+    """Return the peak signal-to-noise ratio in decibels: 20 log10(peak / rmse).
+
+    Infinite where the root mean square error is 0.
+    """
+    rmse, peak = np.asarray(rmse, np.float64), np.asarray(peak, np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        decibels: Floats = np.where(rmse == 0, np.inf, 20 * (np.log10(peak) - np.log10(rmse)))
+    return decibels

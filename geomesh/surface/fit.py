@@ -8,26 +8,17 @@ from itertools import tee
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.mesh.topology import Triangles
-from geomesh.parallel.tiles import Progress, Tile, map_tiles, part_of, plan_tiles
-from geomesh.parallel.workers import Crew
-from geomesh.raster.grid import Points, Window
+from geomesh.arrays.types import Floats, Points, Triangles
+from geomesh.parallel.progress import Progress, part_of
+from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
+from geomesh.parallel.workers import Workers
+from geomesh.raster.grid import Window
 from geomesh.raster.scene import Scene
-from geomesh.surface.paint import (
-    Fit,
-    Model,
-    NormalEquations,
-    check,
-    complete,
-    normal_equations,
-    reconstruct,
-    solve,
-)
-from geomesh.zonal.statistics import Share, measure_scene, sample, share_out
+from geomesh.surface.least_squares import NormalEquations, complete, normal_equations, solve
+from geomesh.surface.paint import Fit, Model, check, reconstruct
+from geomesh.zonal.statistics import TileMesh, measure_scene, sample, split_by_tiles
 
-Floats = NDArray[np.float64]
 Result = TypeVar("Result")
 
 
@@ -54,13 +45,13 @@ class Surface:
         """Return the picture (B, h, w) in a window: see `geomesh.surface.paint.reconstruct`."""
         return reconstruct(self.nodes, self.triangles, self.values, window, self.model)
 
-    def cut(self, share: Share) -> Surface:
+    def cut(self, share: TileMesh) -> Surface:
         """Return the part of it in a tile."""
         ids = share.node_ids if self.model == "linear" else share.triangle_ids
         return Surface(share.nodes, share.triangles, self.values[ids], self.model)
 
 
-Task = tuple[Scene, Tile, Surface]
+SurfaceTile = tuple[Scene, Tile, Surface]
 
 
 def fit_surface(
@@ -70,7 +61,7 @@ def fit_surface(
     *,
     model: Model = "linear",
     fit: Fit = "least_squares",
-    crew: Crew,
+    workers: Workers,
     progress: Progress,
 ) -> Surface:
     """Return a mesh with the values that show a scene.
@@ -86,8 +77,8 @@ def fit_surface(
         "sampled": bilinear between pixel centres at a node; of the pixel that holds the
         centroid of a triangle, or the mean of its valid pixels if that is not valid.
         "least_squares": so that the squared errors of the valid pixels are least; for a
-        triangle of one value that is their mean. See `geomesh.surface.paint.solve`.
-    crew : Crew
+        triangle of one value that is their mean. See `geomesh.surface.least_squares.solve`.
+    workers : Workers
         The values are the same to the last bit whoever does the work.
     progress : callable(fraction, message)
 
@@ -97,22 +88,22 @@ def fit_surface(
         NaN at the nodes, and of the triangles, near which no pixel is valid.
     """
     check(model=model, fit=fit)
-    statistics = measure_scene(nodes, triangles, scene, crew, part_of(progress, 0, 0.5))
+    statistics = measure_scene(nodes, triangles, scene, workers, part_of(progress, 0, 0.5))
     mean = np.ascontiguousarray(statistics.mean.T)
     more = part_of(progress, 0.5, 1)
     if model == "constant":
         surface = Surface(nodes, triangles, mean, model)
-        return surface if fit == "least_squares" else _sampled(surface, scene, crew, more)
+        return surface if fit == "least_squares" else _sampled(surface, scene, workers, more)
     values = complete(statistics.node_values.T, triangles, statistics.count, mean)
     surface = Surface(nodes, triangles, values, model)
-    return surface if fit == "sampled" else _corrected(surface, scene, crew, more)
+    return surface if fit == "sampled" else _corrected(surface, scene, workers, more)
 
 
-def _corrected(surface: Surface, scene: Scene, crew: Crew, progress: Progress) -> Surface:
+def _corrected(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Surface:
     """Return the surface over the nodes with which the pixels err least."""
     gram = np.zeros((len(surface.triangles), 6))
     moments = np.zeros(surface.values.shape)
-    work = walk(_project_tile, surface, scene, crew, part_of(progress, 0, 0.9), "Fitting nodes")
+    work = walk(_project_tile, surface, scene, workers, part_of(progress, 0, 0.9), "Fitting nodes")
     for share, part in work:
         gram[share.triangle_ids] += part.gram
         moments[share.node_ids] += part.moments
@@ -121,7 +112,7 @@ def _corrected(surface: Surface, scene: Scene, crew: Crew, progress: Progress) -
     return replace(surface, values=surface.values + corrections)
 
 
-def _project_tile(task: Task) -> NormalEquations:
+def _project_tile(task: SurfaceTile) -> NormalEquations:
     scene, tile, surface = task
     bands, valid = scene.read(tile.core)
     return normal_equations(
@@ -129,17 +120,17 @@ def _project_tile(task: Task) -> NormalEquations:
     )
 
 
-def _sampled(surface: Surface, scene: Scene, crew: Crew, progress: Progress) -> Surface:
+def _sampled(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Surface:
     """Return the surface with the pixel at each triangle's centroid, where that is valid."""
     values = surface.values.copy()
-    work = walk(_sample_tile, surface, scene, crew, progress, "Sampling centroids")
+    work = walk(_sample_tile, surface, scene, workers, progress, "Sampling centroids")
     for share, part in work:
         known = ~np.isnan(part).any(axis=1)
         values[share.triangle_ids[known]] = part[known]
     return replace(surface, values=values)
 
 
-def _sample_tile(task: Task) -> Floats:
+def _sample_tile(task: SurfaceTile) -> Floats:
     scene, tile, surface = task
     bands, valid = scene.read(tile.core)
     x, y = surface.nodes[surface.triangles].mean(axis=1).T
@@ -147,22 +138,22 @@ def _sample_tile(task: Task) -> Floats:
 
 
 def walk(
-    function: Callable[[Task], Result],
+    function: Callable[[SurfaceTile], Result],
     surface: Surface,
     scene: Scene,
-    crew: Crew,
+    workers: Workers,
     progress: Progress,
     message: str,
-) -> Iterator[tuple[Share, Result]]:
+) -> Iterator[tuple[TileMesh, Result]]:
     """Yield the share of each tile in a mesh and what `function` gives there, in their order.
 
     It gets the scene, a tile without halo, and the part of the surface there.
     """
     tiles = plan_tiles(scene.grid.extent, halo=0)
-    shares, kept = tee(share_out(surface.nodes, surface.triangles, tiles))
+    shares, kept = tee(split_by_tiles(surface.nodes, surface.triangles, tiles))
     tasks = (
         (scene.excerpt(tile.core), tile, surface.cut(share))
         for tile, share in zip(tiles, shares, strict=True)
     )
-    results = map_tiles(function, tasks, len(tiles), crew, progress=progress, message=message)
+    results = map_tiles(function, tasks, len(tiles), workers, progress=progress, message=message)
     return zip(kept, results, strict=True)

@@ -8,23 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
-from geomesh.mesh.topology import Triangles
-from geomesh.raster.grid import Points
+from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.zonal.rasterize import column_range, row_range, sort_corners
 
-Floats = NDArray[np.float64]
 Weights = tuple[float, float, float, float, float, float]
 
 
 @kernel
-def weigh(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Weights:
+def barycentric_matrix(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Weights:
     """Return what `shares` needs of a triangle: its first corner, and a matrix."""
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return ax, ay, (cy - ay) / area, (ax - cx) / area, (ay - by) / area, (bx - ax) / area
 
 
 @kernel
-def shares(weights: Weights, row: int, col: int) -> tuple[float, float]:
+def barycentric(weights: Weights, row: int, col: int) -> tuple[float, float]:
     """Return the barycentric coordinates of a pixel's centre at the second and third corner."""
     ax, ay, bx, by, cx, cy = weights
     x, y = col + 0.5 - ax, row + 0.5 - ay
@@ -40,12 +38,12 @@ def paint_linear(
     for t in range(len(triangles)):
         a, b, c = triangles[t]
         one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
-        corners, weights = sort_corners(*one), weigh(*one)
+        corners, weights = sort_corners(*one), barycentric_matrix(*one)
         top, bottom = row_range(corners, row, row + height)
         for r in range(top, bottom):
             first, last = column_range(corners, r, col, col + width)
             for k in range(first, last):
-                u, v = shares(weights, r, k)
+                u, v = barycentric(weights, r, k)
                 for band in range(count):
                     start = values[a, band]
                     image[band, r - row, k - col] = (
@@ -75,14 +73,14 @@ def project(
     for t in range(len(triangles)):
         a, b, c = triangles[t]
         one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
-        corners, weights = sort_corners(*one), weigh(*one)
+        corners, weights = sort_corners(*one), barycentric_matrix(*one)
         top, bottom = row_range(corners, row, row + height)
         for r in range(top, bottom):
             first, last = column_range(corners, r, col, col + width)
             for k in range(first, last):
                 if not valid[r - row, k - col]:
                     continue
-                u, v = shares(weights, r, k)
+                u, v = barycentric(weights, r, k)
                 w = 1 - u - v
                 gram[t, 0] += w * w
                 gram[t, 1] += w * u

@@ -10,33 +10,20 @@ Everything here is on arrays, for one window at a time; `geomesh.surface.fit` an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from geomesh.arrays.jit import plain_bands
-from geomesh.mesh.topology import Triangles
-from geomesh.raster.grid import Points, Window
-from geomesh.surface.kernels import paint_linear, project
-from geomesh.zonal.rasterize import owner
-
-Floats = NDArray[np.float64]
+from geomesh.arrays.types import Floats, Points, Triangles
+from geomesh.raster.grid import Window
+from geomesh.surface.kernels import paint_linear
+from geomesh.zonal.rasterize import find_owners
 
 Model = Literal["linear", "constant"]
 Fit = Literal["least_squares", "sampled"]
 MODELS: tuple[Model, ...] = ("linear", "constant")
 FITS: tuple[Fit, ...] = ("least_squares", "sampled")
-
-# What the value that a node begins with weighs, in pixels that lie on the node.
-RIDGE = 0.01
-
-# What may be left of the moments in the solution.
-_TOLERANCE = 1e-10
-
-# The 3 x 3 matrix of a triangle in what NormalEquations holds of it.
-_FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
 
 
 def reconstruct(
@@ -74,7 +61,9 @@ def reconstruct(
     if model == "constant":
         # A pixel without owner has the number FILL, which is -1: it takes the last row.
         padded = np.vstack([values, np.full(values.shape[1], np.nan)])
-        return np.ascontiguousarray(np.moveaxis(padded[owner(nodes, triangles, window)], -1, 0))
+        return np.ascontiguousarray(
+            np.moveaxis(padded[find_owners(nodes, triangles, window)], -1, 0)
+        )
     image = np.full((values.shape[1], *window.shape), np.nan)
     paint_linear(nodes, triangles, np.ascontiguousarray(values), window.row, window.col, image)
     return image
@@ -86,172 +75,6 @@ def check(*, model: str = MODELS[0], fit: str = FITS[0]) -> None:
         raise ValueError(f"model is {model!r}: choose {' or '.join(MODELS)}")
     if fit not in FITS:
         raise ValueError(f"fit is {fit!r}: choose {' or '.join(FITS)}")
-
-
-@dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """What some pixels say of how a surface over the nodes should be corrected.
-
-    Parameters
-    ----------
-    gram : float64 (T, 6)
-        For each triangle the upper half, row by row, of the 3 x 3 matrix of the sums of
-        products of two barycentric coordinates over its pixels.
-    moments : float64 (N, B)
-        For each node the sums of its barycentric coordinate times what the pixels are
-        above the surface.
-    """
-
-    gram: Floats
-    moments: Floats
-
-
-def normal_equations(
-    nodes: Points,
-    triangles: Triangles,
-    values: Floats,
-    bands: NDArray[Any],
-    valid: NDArray[np.bool_],
-    window: Window,
-) -> NormalEquations:
-    """Return the normal equations of the valid pixels in a window.
-
-    Those of windows that share no pixel add up.
-
-    Parameters
-    ----------
-    nodes : float64 (N, 2)
-        Pixel-edge coordinates.
-    triangles : int32 (T, 3)
-    values : float64 (N, B)
-        At the nodes: the surface to correct.
-    bands : any real dtype, (B, h, w)
-        Values of the pixels of `window`.
-    valid : bool (h, w)
-    window : Window
-    """
-    gram, moments = np.zeros((len(triangles), 6)), np.zeros(values.shape)
-    bands, valid = plain_bands(bands), np.ascontiguousarray(valid, dtype=np.bool_)
-    start = np.ascontiguousarray(values, dtype=np.float64)
-    project(nodes, triangles, start, bands, valid, window.row, window.col, gram, moments)
-    return NormalEquations(gram, moments)
-
-
-def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
-    """Return the correction at each node, (N, B), with which the pixels err least.
-
-    It minimises the sum of the squared errors plus `RIDGE` times the sum of the squared
-    corrections. So there is one solution, always: a node without a pixel in its triangles
-    is left alone, and one that has few, all far from it, is not sent far away for a little.
-    And the errors never grow, for at the start they are all there is. That weight costs
-    0.002 dB where there is a node for five pixels, and nothing that shows where there are
-    fewer.
-
-    Solved by conjugate gradients, scaled by the diagonal: for such matrices the number of
-    steps does not grow with the mesh (Wathen 1987).
-    """
-    from scipy import sparse
-    from scipy.sparse.linalg import cg
-
-    count = len(equations.moments)
-    entries = (np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel())
-    gram = sparse.csr_array((equations.gram[:, _FULL].ravel(), entries), shape=(count, count))
-    matrix = gram + RIDGE * sparse.eye_array(count, format="csr")
-    scale = sparse.diags_array(1 / matrix.diagonal())
-    corrections = np.zeros_like(equations.moments)
-    for band, moments in enumerate(equations.moments.T):
-        largest = np.abs(moments).max(initial=0)
-        if largest > 0:  # squares of values as they are may be beyond float64
-            found, _ = cg(matrix, moments / largest, rtol=_TOLERANCE, atol=0.0, M=scale)
-            corrections[:, band] = found * largest
-    return corrections
-
-
-def complete(
-    values: Floats, triangles: Triangles, count: NDArray[np.int64], mean: Floats
-) -> Floats:
-    """Return values at nodes, (N, B), that every pixel's triangle has at all its corners.
-
-    A node that has none (NaN), as there is no valid pixel around it, gets the mean of the
-    valid pixels of its triangles. It stays NaN if these have none either.
-
-    Parameters
-    ----------
-    values : float64 (N, B)
-        At the nodes.
-    triangles : int32 (T, 3)
-    count : int64 (T,)
-        Valid pixels of each triangle.
-    mean : float64 (T, B)
-        Of these.
-    """
-    empty = np.flatnonzero(np.isnan(values).any(axis=1))
-    if not len(empty):
-        return values
-    rows = np.isin(triangles, empty).any(axis=1) & (count > 0)
-    corners, weights = triangles[rows].ravel(), np.repeat(count[rows], 3)
-    total = np.bincount(corners, weights, minlength=len(values))[empty]
-    completed = values.copy()
-    for band in range(values.shape[1]):
-        products = weights * np.repeat(mean[rows, band], 3)
-        sums = np.bincount(corners, products, minlength=len(values))[empty]
-        with np.errstate(invalid="ignore"):
-            completed[empty, band] = sums / total
-    return completed
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """What a picture errs by; the errors of parts add up.
-
-    Parameters
-    ----------
-    pixels : int
-        Valid pixels that have a value in the picture.
-    norm : float64 (B,)
-        Root of the sum of the squared errors of these.
-    low, high : float64 (B,)
-        Least and greatest of their true values.
-    """
-
-    pixels: int
-    norm: Floats
-    low: Floats
-    high: Floats
-
-    def __add__(self, other: Errors) -> Errors:
-        return Errors(
-            self.pixels + other.pixels,
-            np.hypot(self.norm, other.norm),
-            np.minimum(self.low, other.low),
-            np.maximum(self.high, other.high),
-        )
-
-
-def find_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_]) -> Errors:
-    """Return what a picture (B, h, w) errs by, where it is not NaN and `bands` are valid."""
-    known = valid & ~np.isnan(image).any(axis=0)
-    norm = np.zeros(len(bands))
-    low, high = np.full(len(bands), np.inf), np.full(len(bands), -np.inf)
-    for band, (shown, true) in enumerate(zip(image, bands, strict=True)):
-        pixels = true[known].astype(np.float64)
-        errors = np.abs(shown[known] - pixels)
-        largest = errors.max(initial=0)
-        if largest > 0:  # squares of errors as they are may be beyond float64
-            norm[band] = largest * np.sqrt(np.square(errors / largest).sum())
-        low[band], high[band] = pixels.min(initial=np.inf), pixels.max(initial=-np.inf)
-    return Errors(int(known.sum()), norm, low, high)
-
-
-def psnr(rmse: ArrayLike, peak: ArrayLike) -> Floats:
-    """Return the peak signal-to-noise ratio in decibels: 20 log10(peak / rmse).
-
-    Infinite where the root mean square error is 0.
-    """
-    rmse, peak = np.asarray(rmse, np.float64), np.asarray(peak, np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        decibels: Floats = np.where(rmse == 0, np.inf, 20 * (np.log10(peak) - np.log10(rmse)))
-    return decibels
 
 
 def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDArray[Any]:

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from pyproj.exceptions import ProjError
 
-from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
+from geomesh.errors import GeoreferenceError, OutputError, extra_required
 from geomesh.mesh.certificate import Certificate
-from geomesh.mesh.triangle_mesh import Mesh
-from geomesh.view.thumbnail import brightened, parse_colors, thumbnail
-from geomesh.zonal import columns
+from geomesh.mesh.colors import brightened, format_colors, parse_colors
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.view.thumbnail import thumbnail
 
 if TYPE_CHECKING:
     import geopandas as gpd
@@ -31,7 +31,7 @@ _LABEL = "opacity:.65;white-space:nowrap"
 _GRID = "display:grid;grid-template-columns:max-content auto;gap:.1em 1em;align-items:baseline"
 
 
-def mesh_html(mesh: Mesh) -> str:
+def mesh_html(mesh: TriangleMesh) -> str:
     """Return a thumbnail of a mesh beside what it is, what it covers and its certificate.
 
     HTML that needs nothing from elsewhere, on light pages and on dark ones.
@@ -49,7 +49,7 @@ def mesh_html(mesh: Mesh) -> str:
     )
 
 
-def _facts(mesh: Mesh) -> Iterator[tuple[str, str]]:
+def _facts(mesh: TriangleMesh) -> Iterator[tuple[str, str]]:
     """Yield labels and what they tell, as HTML."""
     grid, metadata = mesh.grid, mesh.metadata
     name = metadata.get("source", {}).get("name")
@@ -89,7 +89,7 @@ def _checks(certificate: Certificate) -> str:
     )
 
 
-def _image(mesh: Mesh) -> str:
+def _image(mesh: TriangleMesh) -> str:
     picture = thumbnail(mesh)
     height, width = picture.shape[:2]
     smallest = (cv2.IMWRITE_PNG_COMPRESSION, 9)
@@ -102,13 +102,13 @@ def _image(mesh: Mesh) -> str:
 
 
 def explore(
-    mesh: Mesh, column: str = "color", *, most: int | None = MOST_EXPLORED, **options: Any
+    mesh: TriangleMesh, column: str = "color", *, most: int | None = MOST_EXPLORED, **options: Any
 ) -> Any:
     """Show the triangles on a map that can be dragged and zoomed.
 
     Parameters
     ----------
-    mesh : Mesh
+    mesh : TriangleMesh
     column : str
         What fills the triangles: "color" (the image's own mean colour) or any
         other column of ``mesh.attributes("triangles")``.
@@ -144,7 +144,7 @@ def explore(
     told = ["id", "area", *means]
     filled: dict[str, Any] = {"column": column}
     if column == "color":
-        filled = {"color": columns.colors(brightened(parse_colors(attributes["color"])))}
+        filled = {"color": format_colors(brightened(parse_colors(attributes["color"])))}
     elif column not in told:
         told.append(column)
     shown = {"tooltip": told, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
@@ -152,15 +152,11 @@ def explore(
     return frame.explore(**{**shown, **filled, **options})
 
 
-def _on_earth(mesh: Mesh) -> gpd.GeoDataFrame:
+def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
     """Return the triangles in longitude and latitude, if folium is there to show them."""
-    try:
-        for library in ("folium", "mapclassify", "matplotlib"):
+    for library in ("folium", "mapclassify", "matplotlib"):
+        with extra_required(library, "notebook"):
             importlib.import_module(library)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"{library} is not installed: pip install 'geomesh-toolkit[notebook]'"
-        ) from error
     crs = mesh.grid.crs
     if crs is None:
         raise GeoreferenceError(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from geomesh.arrays.types import Points
+from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.mesh.topology import FILL
-from geomesh.mesh.triangle_mesh import Mesh
-from geomesh.raster.grid import Points, Window
-from geomesh.zonal.rasterize import owner
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.raster.grid import Window
+from geomesh.zonal.rasterize import find_owners
 
 # Longest and shortest side of a thumbnail, in pixels.
 _SIDES = (256, 8)
@@ -22,10 +22,8 @@ _GRAY = 128
 _EDGE = 0.35
 _ROOM = 48
 
-_BRIGHTEST = 99
 
-
-def thumbnail(mesh: Mesh) -> NDArray[np.uint8]:
+def thumbnail(mesh: TriangleMesh) -> NDArray[np.uint8]:
     """Draw a mesh as the map shows it: y up, unless rows count it, and in proportion.
 
     Returns
@@ -34,7 +32,7 @@ def thumbnail(mesh: Mesh) -> NDArray[np.uint8]:
         Red, green, blue and opacity, which is 0 where there is no triangle.
     """
     page, window = _on_page(mesh)
-    owners = owner(page, mesh.triangles, window)
+    owners = find_owners(page, mesh.triangles, window)
     drawn = owners != FILL
     image = np.zeros((*window.shape, 4), np.uint8)
     image[drawn, :3] = _colors(mesh, owners[drawn])
@@ -48,24 +46,7 @@ def thumbnail(mesh: Mesh) -> NDArray[np.uint8]:
     return image
 
 
-def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return 8-bit colours (..., 3), those of a dark image scaled up together.
-
-    Raw 8-bit satellite bands use the lower part of the range only; what is bright
-    enough stays as it is.
-    """
-    greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
-    return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
-
-
-def parse_colors(colors: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return red, green and blue (n, 3) of colours '#rrggbb' (n,)."""
-    names, where = np.unique(colors.astype("U7"), return_inverse=True)
-    rgb = [tuple(bytes.fromhex(name[1:])) for name in names.tolist()]
-    return np.array(rgb, np.uint8).reshape(-1, 3)[where]
-
-
-def _on_page(mesh: Mesh) -> tuple[Points, Window]:
+def _on_page(mesh: TriangleMesh) -> tuple[Points, Window]:
     """Return the nodes in pixels of the picture, and its window."""
     grid = mesh.grid
     west, south, east, north = grid.bounds()
@@ -78,7 +59,7 @@ def _on_page(mesh: Mesh) -> tuple[Points, Window]:
     return np.column_stack([x, down * (h / (north - south))]), Window(0, 0, w, h)
 
 
-def _colors(mesh: Mesh, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
+def _colors(mesh: TriangleMesh, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
     if "color" not in mesh.triangle_table or not len(triangles):
         return np.full((len(triangles), 3), _GRAY, np.uint8)
     return brightened(parse_colors(mesh.triangle_table["color"][triangles]))

@@ -1,1 +1,5 @@
-"""Which pixels a triangle holds, and their statistics."""
+"""Which pixels each triangle owns, and the statistics of their values."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

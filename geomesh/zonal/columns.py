@@ -7,7 +7,6 @@ import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.zonal.statistics import Statistics
@@ -56,14 +55,3 @@ def band_names(descriptions: Sequence[str | None]) -> list[str]:
             name = f"{stem[: _LONGEST_NAME - len(f'_{turn}')]}_{turn}"
         names.append(name)
     return names
-
-
-def colors(rgb: NDArray[np.uint8]) -> NDArray[np.str_]:
-    """Return colours (T, 3) as '#rrggbb', dtype '<U7'."""
-    digits = np.frombuffer(b"0123456789abcdef", np.uint8).astype("<u4")
-    codes = np.empty((len(rgb), 7), "<u4")
-    codes[:, 0] = ord("#")
-    codes[:, 1::2] = digits[rgb >> 4]
-    codes[:, 2::2] = digits[rgb & 15]
-    text: NDArray[np.str_] = codes.view("<U7")[:, 0]
-    return text

@@ -9,13 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
-from geomesh.mesh.topology import Triangles
-from geomesh.raster.grid import Points
+from geomesh.arrays.types import Counts, Floats, Ids, Points, Triangles
 from geomesh.zonal.rasterize import Corners, column_range, row_range, sort_corners
-
-Floats = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Counts = NDArray[np.int64]
 
 
 @kernel

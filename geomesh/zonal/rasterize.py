@@ -39,8 +39,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.arrays.jit import kernel
-from geomesh.mesh.topology import FILL, Triangles
-from geomesh.raster.grid import Points, Window
+from geomesh.arrays.types import Points, Triangles
+from geomesh.mesh.topology import FILL
+from geomesh.raster.grid import Window
 
 Corners = tuple[float, float, float, float, float, float]
 
@@ -88,7 +89,7 @@ def column_range(corners: Corners, row: int, start: int, stop: int) -> tuple[int
     return max(first, start), min(last, stop)
 
 
-def owner(nodes: Points, triangles: Triangles, window: Window) -> NDArray[np.int32]:
+def find_owners(nodes: Points, triangles: Triangles, window: Window) -> NDArray[np.int32]:
     """Return the triangle that owns each pixel of a window.
 
     Parameters

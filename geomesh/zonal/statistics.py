@@ -17,16 +17,13 @@ from numpy.typing import NDArray
 
 from geomesh.arrays.jit import plain_bands
 from geomesh.arrays.table import read_only
-from geomesh.mesh.topology import Triangles
-from geomesh.parallel.tiles import Progress, Tile, map_tiles, plan_tiles
-from geomesh.parallel.workers import Crew
-from geomesh.raster.grid import Points, Window
+from geomesh.arrays.types import Counts, Floats, Ids, Points, Triangles
+from geomesh.parallel.progress import Progress
+from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
+from geomesh.parallel.workers import Workers
+from geomesh.raster.grid import Window
 from geomesh.raster.scene import Scene
 from geomesh.zonal.kernels import add, bin_triangles, blend, near_box, scan_triangles
-
-Floats = NDArray[np.float64]
-Ids = NDArray[np.int32]
-Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +60,7 @@ class TilePartial:
 
 
 @dataclass(frozen=True, eq=False)
-class Share:
+class TileMesh:
     """The part of a mesh that meets the core of a tile.
 
     Parameters
@@ -94,7 +91,9 @@ class Share:
         )
 
 
-def share_out(nodes: Points, triangles: Triangles, tiles: Sequence[Tile]) -> Iterator[Share]:
+def split_by_tiles(
+    nodes: Points, triangles: Triangles, tiles: Sequence[Tile]
+) -> Iterator[TileMesh]:
     """Yield the share of each tile, in their order, made one at a time.
 
     Parameters
@@ -111,7 +110,7 @@ def share_out(nodes: Points, triangles: Triangles, tiles: Sequence[Tile]) -> Ite
     for start, stop in pairwise(starts):
         ids = met[start:stop]
         node_ids, local = np.unique(triangles[ids], return_inverse=True)
-        yield Share(nodes[node_ids], local.reshape(-1, 3).astype(np.int32), node_ids, ids)
+        yield TileMesh(nodes[node_ids], local.reshape(-1, 3).astype(np.int32), node_ids, ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,23 +143,23 @@ class Statistics:
 
 
 def measure_scene(
-    nodes: Points, triangles: Triangles, scene: Scene, crew: Crew, progress: Progress
+    nodes: Points, triangles: Triangles, scene: Scene, workers: Workers, progress: Progress
 ) -> Statistics:
     """Return what a scene holds in each triangle and at each node of a mesh of it."""
     tiles = plan_tiles(scene.grid.extent, halo=1)
-    shares = zip(tiles, share_out(nodes, triangles, tiles), strict=True)
+    shares = zip(tiles, split_by_tiles(nodes, triangles, tiles), strict=True)
     partials = map_tiles(
         _read_and_measure,
         ((scene.excerpt(tile.read), tile, share) for tile, share in shares),
         len(tiles),
-        crew,
+        workers,
         progress=progress,
         message="Measuring triangles",
     )
     return merge(partials, len(triangles), len(nodes), len(scene.bands))
 
 
-def _read_and_measure(task: tuple[Scene, Tile, Share]) -> TilePartial:
+def _read_and_measure(task: tuple[Scene, Tile, TileMesh]) -> TilePartial:
     scene, tile, share = task
     bands, valid = scene.read(tile.read)
     return share.measure(bands, valid, tile.read, tile.core)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 BATCH_ROWS = 65_536
 
 
-class Feed:
+class BatchStream:
     """Hands out the batches of a layer, keeps count, and can be stopped from another thread.
 
     An exception in a generator that a C library draws from comes out as that

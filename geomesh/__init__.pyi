@@ -1,0 +1,17 @@
+from . import delaunay as delaunay
+from . import evaluate as evaluate
+from . import features as features
+from . import raster as raster
+from . import zonal as zonal
+from ._version import __version__ as __version__
+from .api import Mesh as Mesh
+from .api import mesh_raster as mesh_raster
+from .api import read_mesh as read_mesh
+from .api import stages as stages
+from .errors import GeomeshError as GeomeshError
+from .errors import GeomeshWarning as GeomeshWarning
+from .mesh.certificate import Certificate as Certificate
+from .mesh.quality import Quality as Quality
+from .raster.grid import Grid as Grid
+from .recipe import Recipe as Recipe
+from .surface.fidelity import Fidelity as Fidelity

@@ -1,0 +1,239 @@
+"""What users import: Mesh with its conveniences, and how to make, read and picture one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, fields
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.progress import Progress, reporting
+from geomesh.parameters import LayerName
+from geomesh.raster.open import Source, open_scene
+from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from geomesh.surface.fidelity import Fidelity
+    from geomesh.view.stages import Stages
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(TriangleMesh):
+    """A conforming triangle mesh of a raster.
+
+    `mesh_raster` and `read_mesh` return it. It is a `TriangleMesh` that also writes, draws
+    and compares itself; it has no fields of its own.
+    """
+
+    @classmethod
+    def of(cls, mesh: TriangleMesh) -> Mesh:
+        """Return the same mesh as a Mesh; arrays are shared."""
+        return cls(**{field.name: getattr(mesh, field.name) for field in fields(mesh)})
+
+    def _repr_html_(self) -> str:
+        from geomesh.view.notebook import mesh_html
+
+        return mesh_html(self)
+
+    def to_file(
+        self,
+        path: str | PathLike[str],
+        *,
+        layers: Iterable[LayerName] | None = None,
+        driver: str | None = None,
+        overwrite: bool = False,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> Path:
+        """Write the mesh to a file; see `geomesh.io.write.write_mesh`.
+
+        Parameters
+        ----------
+        path : path-like
+        layers : iterable of {"triangles", "edges", "nodes"}, optional
+            All three by default in a GeoPackage, else the triangles.
+        driver : str, optional
+            Name of a format (see docs/formats.md); by the extension of `path` if not given.
+        overwrite : bool
+            Replace an existing file.
+        progress : callable(fraction, message), optional
+        """
+        from geomesh.io.write import write_mesh
+
+        return write_mesh(
+            self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
+        )
+
+    def psnr(self, source: Source, **options: Any) -> Fidelity:
+        """Return how faithfully the mesh shows a raster.
+
+        See `geomesh.surface.fidelity.measure_fidelity`.
+        """
+        from geomesh.surface.fidelity import measure_fidelity
+
+        return measure_fidelity(self, source, **options)
+
+    def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
+        """Paint the mesh on a raster's pixels; see `geomesh.io.render.render_file`."""
+        from geomesh.io.render import render_file
+
+        return render_file(self, source, path, **options)
+
+    def plot(self, column: str = "color", **options: Any) -> Any:
+        """Draw the mesh with matplotlib, filled by `column`; see `geomesh.view.plot.plot_mesh`."""
+        from geomesh.view.plot import plot_mesh
+
+        return plot_mesh(self, column, **options)
+
+    def explore(self, column: str = "color", **options: Any) -> Any:
+        """Show the triangles on a web map: see `geomesh.view.notebook.explore`."""
+        from geomesh.view.notebook import explore
+
+        return explore(self, column, **options)
+
+
+def mesh_raster(
+    source: Source,
+    *,
+    preset: str = "features",
+    recipe: Recipe | None = None,
+    bidx: Sequence[int] | None = None,
+    nodata: float | None = None,
+    crs: Any = None,
+    bounds: tuple[float, float, float, float] | None = None,
+    mask: Any = None,
+    name: str | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: bool | Progress = False,
+    **values: Any,
+) -> Mesh:
+    """Turn a raster into a triangle mesh.
+
+    Parameters
+    ----------
+    source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
+    preset : {"features", "paper"}
+        "features": nodes at the image's own resolution over the whole valid area;
+        "paper": the published system to the letter, at 256 x 256 pixels.
+    recipe : Recipe, optional
+        Takes the place of the preset.
+    bidx : sequence of int, optional
+        1-based bands to use; all but alpha by default.
+    nodata : float, optional
+        Takes the place of the file's own nodata value.
+    crs : str, int or pyproj.CRS, optional
+        Takes the place of the file's own coordinate system; nothing is reprojected.
+    bounds : (west, south, east, north), optional
+        Box in map coordinates to crop to.
+    mask : path, GeoDataFrame or GeoSeries, optional
+        Area of interest.
+    name : str, optional
+        What messages and metadata call the source, if not by its path.
+    workers : int, optional
+        How many tiles to work on at a time; one a core by default. The mesh is the same
+        to the last bit whatever their number.
+    executor : concurrent.futures.Executor, optional
+        Takes the place of geomesh's own threads: processes, or a Dask cluster's
+        ``Client.get_executor()``, which cannot tell its size: give `workers`, too. They
+        open the source by its path.
+    progress : bool or callable(fraction, message)
+        True shows a progress bar; a callable may raise to cancel.
+    **values
+        Parameters of the recipe to change, such as ``nodes=5000``.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    GeomeshError
+        With one line that says what is wrong and what to do.
+
+    Examples
+    --------
+    >>> import geomesh
+    >>> mesh = geomesh.mesh_raster("data_samples/olinda_landsat7_rgb_uint8.tif", nodes=500)
+    >>> len(mesh.nodes), mesh.certify().passed
+    (500, True)
+    """
+    from geomesh.parallel.workers import open_workers
+    from geomesh.pipeline.mesh_scene import mesh_scene
+
+    recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
+    scene = open_scene(
+        source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask, name=name
+    )
+    with reporting(progress) as report, open_workers(workers, executor) as pool:
+        return Mesh.of(mesh_scene(scene, recipe, pool, report))
+
+
+def read_mesh(path: str | PathLike[str]) -> Mesh:
+    """Return the mesh in a GeoPackage that geomesh wrote.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Mesh
+        Equal to the one that was written, to the last bit.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is missing, is not a GeoPackage of geomesh, lacks the nodes or the
+        triangles, or had rows or columns removed since it was written.
+    """
+    from geomesh.io.read import read_mesh
+
+    return Mesh.of(read_mesh(path))
+
+
+def stages(
+    source: Source,
+    *,
+    preset: str = "features",
+    recipe: Recipe | None = None,
+    bidx: Sequence[int] | None = None,
+    nodata: float | None = None,
+    crs: Any = None,
+    bounds: tuple[float, float, float, float] | None = None,
+    mask: Any = None,
+    progress: bool | Progress = False,
+    **values: Any,
+) -> Stages:
+    """Return what each stage of the pipeline gives for a raster, to look at.
+
+    A raster of more than 2048 pixels a side is shown by its middle; choose another part
+    with `bounds`.
+
+    Parameters
+    ----------
+    source, preset, recipe, bidx, nodata, crs, bounds, mask, progress
+        As in `mesh_raster`.
+    **values
+        Parameters of the recipe to change, such as ``canny_low=50``.
+
+    Returns
+    -------
+    Stages
+        The gray image, the Canny edges and the mesh; ``plot()`` draws them side by side.
+
+    Examples
+    --------
+    >>> import geomesh
+    >>> stages = geomesh.stages("data_samples/olinda_landsat7_rgb_uint8.tif")
+    >>> stages.gray.shape, stages.edges.any()
+    ((352, 349), np.True_)
+    """
+    from geomesh.view.stages import run_stages
+
+    recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
+    scene = open_scene(source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask)
+    with reporting(progress) as report:
+        return run_stages(scene, recipe, report)

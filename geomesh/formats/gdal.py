@@ -1,0 +1,91 @@
+"""Layers that GDAL writes, from Arrow batches; what is common to its formats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from geomesh._version import __version__
+
+if TYPE_CHECKING:
+    from geomesh.formats.arrow import Layer
+    from geomesh.formats.batch_stream import BatchStream
+    from geomesh.formats.format import LayerFile, WriteRows
+
+
+def write_by_gdal(
+    layer: Layer,
+    file: LayerFile,
+    stream: BatchStream,
+    write_rows: WriteRows,
+    *,
+    with_crs: bool = True,
+    dataset_options: Mapping[str, str] | None = None,
+    layer_options: Mapping[str, str] | None = None,
+) -> None:
+    """Write a layer with the driver of its format.
+
+    Parameters
+    ----------
+    layer, file, stream, write_rows
+        As `Format.write` gets them.
+    with_crs : bool
+        Whether the file is told the CRS of the mesh.
+    dataset_options, layer_options : mapping of str to str, optional
+        GDAL's creation options.
+    """
+    from geomesh.formats.document import KEY
+
+    crs, geometry = file.mesh.grid.crs, file.format.geometry
+    description = (
+        f"{file.name.capitalize()} of a mesh of {len(file.mesh.nodes)} nodes and "
+        f"{len(file.mesh.triangles)} triangles, written by geomesh {__version__}"
+    )
+    options: dict[str, Any] = {
+        "path": str(file.path),
+        "layer": file.name,
+        "driver": file.format.driver,
+        "geometry_name": geometry,
+        "geometry_type": layer.geometry_type,
+        "crs": crs.to_wkt() if crs is not None and with_crs else None,
+        "layer_metadata": {KEY: file.document},
+        "dataset_options": dict(dataset_options or {}),
+        "layer_options": {**(layer_options or {}), "DESCRIPTION": description},
+    }
+    write_rows(layer.schema(geometry), stream.batches(layer, geometry), options)
+
+
+def read_document_by_gdal(path: Path) -> str:
+    """Return the metadata document that a layer carries; KeyError if none does."""
+    import pyogrio
+
+    from geomesh.formats.document import KEY
+
+    name = plain_name(path)
+    for layer in sorted(str(name) for name, _ in pyogrio.list_layers(name)):
+        metadata = pyogrio.read_info(name, layer=layer)["layer_metadata"] or {}
+        if KEY in metadata:
+            return str(metadata[KEY])
+    raise KeyError(KEY)
+
+
+def plain_name(path: str | PathLike[str]) -> str:
+    """Return a name under which pyogrio opens just this file.
+
+    It gives "!" and ";" in a path a meaning of their own, save in GDAL's virtual file
+    systems; this one is the file itself, from its first byte.
+    """
+    name = fspath(path)
+    return f"/vsisubfile/0,{name}" if set(name) & set("!;") else name
+
+
+def count_by_gdal(path: Path, layer: str) -> int:
+    """Return the number of rows that GDAL reads from a layer."""
+    import pyogrio
+
+    _, table = pyogrio.read_arrow(
+        plain_name(path), layer=layer, columns=["id"], read_geometry=False
+    )
+    return int(table.num_rows)

@@ -1,0 +1,49 @@
+"""The registry of formats: a new one is a module of its own and a line here."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from geomesh.errors import OutputError
+from geomesh.formats.flatgeobuf import FLATGEOBUF
+from geomesh.formats.format import Format
+from geomesh.formats.geojson import GEOJSON
+from geomesh.formats.geopackage import GPKG
+from geomesh.formats.geoparquet import PARQUET
+from geomesh.formats.ugrid import UGRID
+
+FORMATS: tuple[Format, ...] = (
+    GPKG,
+    GEOJSON,
+    FLATGEOBUF,
+    PARQUET,
+    UGRID,
+)
+
+DRIVERS = tuple(known.driver for known in FORMATS)
+EXTENSIONS = tuple(extension for known in FORMATS for extension in known.extensions)
+
+
+def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
+    """Return the format that `driver` names, or else the extension of `path`.
+
+    Raises
+    ------
+    OutputError
+        If there is no such format.
+    """
+    if driver is not None:
+        for known in FORMATS:
+            if known.driver.lower() == driver.lower():
+                return known
+        raise OutputError(f"there is no vector format {driver!r}; choose from {', '.join(DRIVERS)}")
+    suffix = Path(path).suffix.lower()
+    for known in FORMATS:
+        if suffix in known.extensions:
+            return known
+    usual = ", ".join(known.extensions[0] for known in FORMATS)
+    raise OutputError(
+        f"{path} has no extension that names a format; choose from {usual}, or name one with "
+        "`driver`"
+    )

@@ -1,0 +1,42 @@
+"""Pictures as files: checked before the work, there as a whole or not at all."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from geomesh.errors import OutputError
+from geomesh.io.atomic import check_place, staged, writing_to
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PICTURES = (".png", ".pdf", ".svg", ".jpg")
+
+
+def check_picture(path: str | PathLike[str], *, overwrite: bool) -> None:
+    """Refuse a picture that could not be written, before any work is done.
+
+    Raises
+    ------
+    OutputError
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in PICTURES:
+        raise OutputError(f"{path} is not named as a picture; choose from {', '.join(PICTURES)}")
+    check_place(Path(path), overwrite=overwrite)
+
+
+def save_picture(figure: Figure, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+    """Save a figure at print resolution; the format follows the extension.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an old file stays as it was.
+    """
+    check_picture(path, overwrite=overwrite)
+    target = Path(path)
+    with writing_to(target), staged(target, target.suffix, overwrite=overwrite) as temporary:
+        figure.savefig(temporary, dpi=200, bbox_inches="tight", pad_inches=0.08)

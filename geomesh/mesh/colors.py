@@ -1,0 +1,38 @@
+"""Colours of triangles: as text, as bytes, and brightened for the screen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BRIGHTEST = 99
+
+
+def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return 8-bit colours (..., 3), those of a dark image scaled up together.
+
+    Raw 8-bit satellite bands use the lower part of the range only; what is bright
+    enough stays as it is.
+    """
+    greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
+    return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
+
+
+def parse_colors(colors: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return red, green and blue (n, 3) of colours '#rrggbb' (n,)."""
+    names, where = np.unique(colors.astype("U7"), return_inverse=True)
+    rgb = [tuple(bytes.fromhex(name[1:])) for name in names.tolist()]
+    return np.array(rgb, np.uint8).reshape(-1, 3)[where]
+
+
+def format_colors(rgb: NDArray[np.uint8]) -> NDArray[np.str_]:
+    """Return colours (T, 3) as '#rrggbb', dtype '<U7'."""
+    digits = np.frombuffer(b"0123456789abcdef", np.uint8).astype("<u4")
+    codes = np.empty((len(rgb), 7), "<u4")
+    codes[:, 0] = ord("#")
+    codes[:, 1::2] = digits[rgb >> 4]
+    codes[:, 2::2] = digits[rgb & 15]
+    text: NDArray[np.str_] = codes.view("<U7")[:, 0]
+    return text

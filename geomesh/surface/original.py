@@ -1,0 +1,96 @@
+"""The raster behind a mesh, found again: the same bands, and the part that was meshed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from geomesh.errors import BandError, GeoreferenceError
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.raster.grid import LATTICE, Grid, Window
+from geomesh.raster.open import Source, open_scene
+from geomesh.raster.scene import Scene
+
+
+def open_original(
+    mesh: TriangleMesh, source: Source, *, bidx: Sequence[int] | None = None, crs: Any = None
+) -> Scene:
+    """Return the part of a raster that a mesh lies on, read as when the mesh was made.
+
+    The bands, the nodata value and the area of interest are those of the mesh's provenance.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    source : str, PathLike, rasterio dataset, or (array, transform, crs)
+        The raster that the mesh was made from, or another on the same pixels, such as its
+        other bands; it may be larger than the mesh.
+    bidx : sequence of int, optional
+        1-based bands, in place of those that were meshed.
+    crs : str, int or pyproj.CRS, optional
+        Replaces the file's own CRS, as it did when the mesh was made.
+
+    Raises
+    ------
+    SourceError, BandError
+        If the raster cannot be opened, or lacks the bands.
+    GeoreferenceError
+        If the pixels of the mesh are not among those of the raster.
+    """
+    made_from = mesh.provenance.source if mesh.provenance is not None else None
+    bands = list(bidx) if bidx is not None else None
+    if bands is None and made_from is not None:
+        # The three colours of a palette are of one band.
+        bands = list(dict.fromkeys(band.index for band in made_from.bands))
+    nodata = made_from.nodata if made_from is not None else None
+    try:
+        scene = open_scene(source, bidx=bands, nodata=nodata, crs=crs)
+    except BandError as error:
+        if bidx is not None:
+            raise
+        numbers = ",".join(map(str, bands or ()))
+        raise BandError(
+            f"{error}; the mesh was made from bands {numbers}: choose others with `bidx`"
+        ) from error
+    window = _find(mesh.grid, scene)
+    area = None
+    if made_from is not None and made_from.area is not None:
+        # It is in the pixels of the raster that was meshed, which may have been another part.
+        col, row = made_from.window[:2]
+        moved = np.array([window.col - col, window.row - row])
+        area = shapely.transform(shapely.from_wkt(made_from.area), lambda xy: xy + moved)
+    return scene.crop(window, area)
+
+
+def _find(grid: Grid, scene: Scene) -> Window:
+    """Return the pixels of a scene that are those of a mesh's grid."""
+    if grid.crs != scene.grid.crs:
+        raise GeoreferenceError(
+            f"the mesh is in {_crs(grid)} and {scene.name} in {_crs(scene.grid)}: name the raster "
+            "that the mesh was made from, or give the CRS that was used then with `crs`"
+        )
+    corners = np.array([(0, 0), (grid.width, 0), (grid.width, grid.height), (0, grid.height)])
+    there = scene.grid.to_pixel(grid.to_map(corners))
+    col, row = np.rint(there[0]).astype(int).tolist()
+    window = Window(col, row, grid.width, grid.height)
+    # Nodes lie on a lattice: a smaller difference cannot matter to the mesh.
+    meets = np.abs(there - corners - (col, row)).max() < 1 / LATTICE
+    if not meets or window.clip(scene.grid.extent) != window:
+        raise GeoreferenceError(
+            f"the pixels of the mesh ({_lattice(grid)}) are not among those of {scene.name} "
+            f"({_lattice(scene.grid)}): name the raster that the mesh was made from"
+        )
+    return window
+
+
+def _crs(grid: Grid) -> str:
+    return grid.crs.to_string() if grid.crs else "no CRS"
+
+
+def _lattice(grid: Grid) -> str:
+    a, b, c, d, e, f = grid.transform[:6]
+    turned = f" turned by {b:g}, {d:g}" if b or d else ""
+    return f"{grid.width} x {grid.height} of {a:g}, {e:g}{turned} from {c:.10g}, {f:.10g}"

@@ -1,0 +1,148 @@
+"""The stages of the pipeline: what each gives, and the picture of all four side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geomesh.arrays.types import Gray
+from geomesh.errors import extra_required
+from geomesh.features.canny import canny_edges, canny_thresholds
+from geomesh.features.detect import shrink
+from geomesh.features.gray_image import ArrayGray, GrayImage, SceneGray
+from geomesh.io.picture import save_picture
+from geomesh.mesh.colors import brightened
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.progress import Progress, part_of
+from geomesh.parallel.workers import open_workers
+from geomesh.pipeline.mesh_scene import mesh_scene, scene_tone
+from geomesh.raster.crop import middle
+from geomesh.raster.scene import Scene
+from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_NODE_COLOR = "#ffd200"
+_EDGE_COLOR = "#ffffff"
+_INK = "#222222"
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The intermediate images of the pipeline, and the mesh.
+
+    Attributes
+    ----------
+    gray : uint8 (h, w)
+        Stage 1, in the plane that the pipeline worked on.
+    edges : bool (h, w)
+        Stage 2.
+    mesh : TriangleMesh
+        Stages 3 (its feature nodes) and 4.
+    image : uint8 (H, W, 3)
+        The source as displayed, white where not valid.
+    """
+
+    gray: Gray
+    edges: NDArray[np.bool_]
+    mesh: TriangleMesh
+    image: NDArray[np.uint8]
+
+    def plot(self, title: str | None = None, *, path: str | PathLike[str] | None = None) -> Figure:
+        """Draw the four stages side by side: see `draw_stages`.
+
+        Parameters
+        ----------
+        title : str, optional
+            Of the figure.
+        path : path, optional
+            Also save it there (.png, .pdf, .svg), in place of what is there.
+        """
+        figure = draw_stages(self, title)
+        if path is not None:
+            save_picture(figure, path, overwrite=True)
+        return figure
+
+
+def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
+    """Run the pipeline on a scene and keep what each stage gives.
+
+    A scene larger than `LARGEST_SIDE` is cropped to its middle first.
+    """
+    scene = middle(scene)
+    extent = scene.grid.extent
+    with open_workers() as workers, scene.open():
+        mesh = mesh_scene(scene, recipe, workers, part_of(progress, 0, 0.8))
+        tone = scene_tone(scene, recipe, workers, part_of(progress, 0.8, 0.85))
+        plain: GrayImage = SceneGray(scene, tone, sobel=False)
+        worked: GrayImage = SceneGray(scene, tone, sobel=recipe.sobel)
+        if recipe.resize is not None:
+            plain, _ = shrink(plain, recipe.resize, workers, part_of(progress, 0.85, 0.95))
+            worked, _ = shrink(worked, recipe.resize, workers, part_of(progress, 0.95, 1))
+        gray, _ = plain.read(plain.extent)
+        seen, valid = worked.read(worked.extent)
+        edges = canny_edges(seen, canny_thresholds(ArrayGray.whole(seen, valid), recipe), valid)
+        bands, valid = scene.read(extent)
+    levels = tone.display(bands)[list(scene.display)]
+    image = np.moveaxis(levels, 0, -1).copy()
+    image[~valid] = 255
+    return Stages(gray, edges, mesh, image)
+
+
+def draw_stages(stages: Stages, title: str | None = None) -> Figure:
+    """Draw the paper's figure: gray image, Canny edges, keypoints and mesh, (a) to (d)."""
+    with extra_required("matplotlib", "figures"):
+        from matplotlib.figure import Figure
+    height, width = stages.gray.shape
+    tall = height > 1.3 * width
+    rows, columns = (1, 4) if tall else (2, 2)
+    panel = 4.2 if not tall else 3.2
+    size = (columns * panel, rows * panel * float(np.clip(height / width, 0.2, 4)) + 0.5)
+    figure = Figure(figsize=size, layout="constrained", facecolor="white")
+    axes = figure.subplots(rows, columns).ravel()
+    mesh = stages.mesh
+    features = mesh.plane_nodes[mesh.node_table["kind"] == "feature"]
+    gray = {"cmap": "gray", "vmin": 0, "vmax": 255, "extent": (0, width, height, 0)}
+    axes[0].imshow(stages.gray, **gray)
+    axes[1].imshow(np.where(stages.edges, 0, 255), interpolation="nearest", **gray)
+    axes[2].imshow(128 + stages.gray // 2, **gray)
+    axes[2].scatter(
+        *features.T, s=_marker_size(len(features)), c=_NODE_COLOR, edgecolors=_INK, linewidths=0.3
+    )
+    axes[3].imshow(brightened(stages.image), extent=(0, width, height, 0))
+    _draw_edges(axes[3], mesh.plane_nodes, mesh.edges.nodes)
+    labels = (
+        f"Grayscale, {width} × {height} pixels",
+        "Canny edges",
+        f"{len(features):,} SIFT keypoints",
+        f"Delaunay mesh, {len(mesh.triangles):,} triangles",
+    )
+    for letter, label, ax in zip("abcd", labels, axes, strict=True):
+        ax.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[])
+        ax.set_aspect("equal")
+        ax.set_title(f"({letter}) {label}", fontsize=10, color=_INK, loc="left")
+        for side in ax.spines.values():
+            side.set(color="#999999", linewidth=0.6)
+    if title:
+        figure.suptitle(title, fontsize=11, color=_INK)
+    return figure
+
+
+def _draw_edges(ax: Axes, nodes: NDArray[np.float64], edges: NDArray[np.integer]) -> None:
+    """Draw edges twice, light on dark, so that they show on any image."""
+    from matplotlib.collections import LineCollection as Lines
+
+    ends = nodes[edges]
+    width = float(np.clip(40 / np.sqrt(max(len(edges), 1)), 0.2, 0.9))
+    ax.add_collection(Lines(ends, colors="#00000080", linewidths=2 * width))
+    ax.add_collection(Lines(ends, colors=_EDGE_COLOR, linewidths=width))
+
+
+def _marker_size(count: int) -> float:
+    return float(np.clip(4000 / max(count, 1), 1.0, 12.0))
