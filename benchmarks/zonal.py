@@ -16,7 +16,7 @@ from rasterio.features import rasterize
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.raster.grid import Grid
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 from geomesh.zonal.statistics import Statistics
 
 EXPECTED = 20.0

@@ -26,7 +26,7 @@ from geomesh.surface.fidelity import Fidelity, compare
 from geomesh.surface.fit import fit_surface
 from geomesh.surface.original import open_original
 from geomesh.zonal import statistics as zonal
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 
 MODELS = ("linear", "constant")
 FITS = ("sampled", "least_squares")

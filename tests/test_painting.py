@@ -20,7 +20,7 @@ from test_bad_output import PROGRAM, small_disk
 import geomesh
 from geomesh.errors import GeomeshWarning
 from geomesh.mesh.topology import FILL
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 
 __all__ = ["command", "small_disk"]  # fixtures, used by their names
 

@@ -16,7 +16,7 @@ from geomesh.raster.grid import Window
 from geomesh.surface.fidelity import psnr, sum_errors
 from geomesh.surface.least_squares import RIDGE, complete, normal_equations, solve
 from geomesh.surface.paint import reconstruct, to_pixels
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 
 
 def random_mesh(rng, width, height, count, *, corners=True):

@@ -16,7 +16,8 @@ from scipy.spatial import Delaunay
 
 from geomesh.mesh.topology import FILL
 from geomesh.raster.grid import Window
-from geomesh.zonal.rasterize import column_range, find_owners, row_range, sort_corners
+from geomesh.zonal.owners import find_owners
+from geomesh.zonal.rasterize import column_range, row_range, sort_corners
 
 ONE = np.array([[0, 1, 2]], np.int32)
 

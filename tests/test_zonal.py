@@ -23,7 +23,7 @@ from geomesh.mesh.colors import colors
 from geomesh.parallel.tiles import plan_tiles
 from geomesh.raster.grid import Window
 from geomesh.zonal.columns import band_names, node_columns, triangle_columns
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 from geomesh.zonal.statistics import measure_tile, merge
 
 DTYPES = ["uint8", "int16", "uint16", "int64", "uint64", "float32", "float64", ">u2", "float16"]

@@ -1,47 +1,121 @@
-"""The one way in which geomesh compiles: typed, cached, without the interpreter's lock."""
+"""The one way in which geomesh compiles: typed, cached, without the interpreter's lock.
+
+A kernel is a small loop over arrays. It has one signature, which says which arrays it reads
+and which it writes, so it is compiled once, whatever it is called with. Sorting, searching
+and making arrays are numpy's work, outside: inside a kernel each of these would be compiled
+as well, which takes longer than the kernel itself.
+"""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
 import numpy as np
+from numba.core import types
 from numpy.typing import NDArray
+
+from geomesh.arrays.kernel_cache import open_cache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+boolean, uint8, uint32 = types.boolean, types.uint8, types.uint32
+int32, int64, float64, void = types.int32, types.int64, types.float64, types.void
 
-def kernel(function: Function) -> Function:
-    """Compile `function` with numba: without the interpreter's lock, kept on disk if possible.
+# Division follows IEEE 754 (numpy's way), so that no test for zero slows a loop.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
-    Division follows IEEE 754 (numpy's way), so that no test for zero slows a loop.
-    numba notices a change in the file of a kernel, not in the files of the kernels
-    that it calls: after an edit there, clear ``__pycache__``.
+_lock = threading.RLock()
+_kernels: list[Kernel] = []
+
+
+def reads(dtype: Any, dimensions: int) -> types.Array:
+    """Return the type of a contiguous array that a kernel reads."""
+    return types.Array(dtype, dimensions, "C", readonly=True)
+
+
+def writes(dtype: Any, dimensions: int) -> types.Array:
+    """Return the type of a contiguous array that a kernel writes."""
+    return types.Array(dtype, dimensions, "C")
+
+
+class Kernel:
+    """A compiled function with one signature; it is loaded or compiled when first called.
+
+    Parameters
+    ----------
+    function : callable
+    signature : numba signature
     """
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-    try:
-        compiled: Function = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # neither the package nor the user's cache folder is writable
-        compiled = numba.njit(**options)(function)
+
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+        self.__doc__ = function.__doc__
+        self.__name__ = function.__name__
+        self._signature = signature
+        self._dispatcher: Any = numba.njit(**_OPTIONS)(function)
+        self._dispatcher._cache = open_cache(function, signature)
+        self._is_ready = False
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the compiled code; TypeError if the arguments do not fit the signature."""
+        if not self._is_ready:
+            self.prepare(lambda: None)
+        return self._dispatcher(*arguments)
+
+    def prepare(self, begin: Callable[[], None]) -> None:
+        """Load the machine code, or compile it; in that case call `begin` before."""
+        with _lock:
+            if not self._is_ready:
+                self._dispatcher._cache.before_compiling = begin
+                self._dispatcher.compile(self._signature)
+                self._dispatcher.disable_compile()  # for any other signature
+                self._is_ready = True
+
+
+def kernel(signature: Any) -> Callable[[Function], Function]:
+    """Return a decorator that makes a `Kernel` of a function.
+
+    Parameters
+    ----------
+    signature : numba signature
+        Such as ``int64(reads(float64, 2), writes(int32, 1))``.
+    """
+
+    def decorate(function: Function) -> Function:
+        made = Kernel(function, signature)
+        _kernels.append(made)
+        return made  # type: ignore[return-value]
+
+    return decorate
+
+
+def inner(function: Function) -> Function:
+    """Compile a function that only kernels call: as a part of each of them."""
+    compiled: Function = numba.njit(**_OPTIONS)(function)
     return compiled
 
 
-def plain_bands(bands: NDArray[Any]) -> NDArray[Any]:
-    """Return bands of any dtype, contiguous, in a type that kernels can be compiled for."""
-    if bands.dtype.kind not in "iuf" or bands.dtype.itemsize > 8 or bands.dtype == np.float16:
-        bands = bands.astype(np.float64)
-    return np.ascontiguousarray(bands, dtype=bands.dtype.newbyteorder("="))
+def prepare_kernels(begin: Callable[[], None]) -> None:
+    """Make all kernels ready that were imported so far, so that no later step has to wait.
 
-
-def load_compiler() -> None:
-    """Load what numba needs before any first kernel, which takes about half a second.
-
-    Meant for a thread beside one that reads a file; the first kernel would load it otherwise.
+    Parameters
+    ----------
+    begin : callable
+        Called once, before the first that has to be compiled.
     """
-    _no_work()
+    compiling: list[bool] = []
+
+    def first() -> None:
+        if not compiling:
+            compiling.append(True)
+            begin()
+
+    for each in tuple(_kernels):
+        each.prepare(first)
 
 
-@kernel
-def _no_work() -> None:
-    pass
+def as_float64(bands: NDArray[Any]) -> NDArray[np.float64]:
+    """Return bands as contiguous float64, the one type that kernels read pixels in."""
+    return np.ascontiguousarray(bands, dtype=np.float64)

@@ -8,14 +8,19 @@ import numpy as np
 import pythoncdt
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.types import Triangles
+from geomesh.arrays.jit import int32, int64, kernel, reads, uint32, writes
+from geomesh.arrays.types import Ids, Points, Triangles
 from geomesh.delaunay.ties import break_ties
 from geomesh.errors import CertificateError, one_line
 from geomesh.mesh.topology import FILL, edge_keys
 
-# What hangs on the vertices of the engine's super-triangle, its first three, goes.
+# The engine's first three vertices are those of a super-triangle around all points.
 _AUXILIARY = 3
+
+# For each number of 8 bits, the same bits with a gap after each.
+_SPREAD = np.array(
+    [sum((value >> bit & 1) << 2 * bit for bit in range(8)) for value in range(256)], np.uint16
+)
 
 
 class Patch(NamedTuple):
@@ -24,19 +29,20 @@ class Patch(NamedTuple):
     Attributes
     ----------
     triangles : int32 (T, 3)
-        Indices into the points, counter-clockwise, in no particular order.
-    across : int32 (T, 3)
-        The triangle over the edge from corner k to corner k + 1, or `FILL`.
+        Indices into the points, counter-clockwise, each beginning with its lowest index; in
+        no particular order.
+    neighbours : int32 (T, 3)
+        The triangle across the side opposite to corner k, or `FILL`.
     """
 
     triangles: Triangles
-    across: Triangles
+    neighbours: Triangles
 
 
-def triangulate(points: NDArray[np.float64], segments: NDArray[np.integer] | None = None) -> Patch:
+def triangulate_points(points: Points, segments: NDArray[np.integer] | None = None) -> Patch:
     """Triangulate points (N, 2); with segments (S, 2), only the area inside their loops.
 
-    Cocircular ties are broken by `geomesh.ties`: the triangles, as a set, depend on
+    Cocircular ties are broken by `geomesh.delaunay.ties`: the triangles, as a set, depend on
     points and segments alone.
 
     Raises
@@ -50,22 +56,24 @@ def triangulate(points: NDArray[np.float64], segments: NDArray[np.integer] | Non
         pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
         0.0,
     )
+    points = np.ascontiguousarray(points, np.float64)
     order = _along_curve(points)
     engine.insert_vertices(points[order])
     fixed = np.empty(0, np.int64)
     if segments is not None:
         fixed = _constrain(engine, order, segments)
     auxiliary = _AUXILIARY if segments is None else 0
-    # Views of the engine's memory: they must not outlive it, nor this function.
     raw = engine.triangles_array(copy=False)
-    ordered = engine.vertices_array(copy=False).view(np.float64).reshape(-1, 2)[auxiliary:]
-    triangles, across = _strip(raw["vertices"], raw["neighbors"], auxiliary)
-    break_ties(ordered, triangles, across, fixed)
-    _renumber(triangles, order)
-    return Patch(triangles, across)
+    vertices, across = np.ascontiguousarray(raw["vertices"]), np.ascontiguousarray(raw["neighbors"])
+    place = np.empty(len(vertices), np.int32)
+    triangles, neighbours = np.empty((2, len(vertices), 3), np.int32)
+    count = _take_triangles(vertices, across, auxiliary, order, place, triangles, neighbours)
+    triangles, neighbours = triangles[:count], neighbours[:count]
+    break_ties(points, triangles, neighbours, fixed)
+    return Patch(triangles, neighbours)
 
 
-def spans_area(points: NDArray[np.float64]) -> bool:
+def spans_area(points: Points) -> bool:
     """Tell whether three of the points (N, 2) make a triangle; a few of them mostly do."""
     for some in (points[:100], points):
         offsets = some - points[:1]
@@ -76,18 +84,12 @@ def spans_area(points: NDArray[np.float64]) -> bool:
     return False
 
 
-def _constrain(
-    engine: Any, order: NDArray[np.int32], segments: NDArray[np.integer]
-) -> NDArray[np.int64]:
-    """Insert segments, erase what lies outside their loops; return the keys of fixed edges.
-
-    The keys are of places in `order`.
-    """
+def _constrain(engine: Any, order: Ids, segments: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Insert segments, erase what lies outside their loops; return the keys of fixed edges."""
     place = np.empty(len(order), np.uintc)
     place[order] = np.arange(len(order), dtype=np.uintc)
-    placed = place[segments]
     try:
-        engine.insert_edges(placed)
+        engine.insert_edges(place[segments])
     except RuntimeError as error:
         raise CertificateError(
             f"the outline of the data crosses itself ({one_line(error)}). This is a defect of "
@@ -96,65 +98,64 @@ def _constrain(
     engine.erase_outer_triangles_and_holes()
     # A segment that runs through a point was split there: few do, or none.
     pieces = [(edge.v1, edge.v2) for edge, _ in engine.piece_to_originals_iter()]
-    pairs = np.concatenate([placed, np.array(pieces, np.uintc).reshape(-1, 2)])
-    return np.unique(edge_keys(pairs))
+    split = order[np.array(pieces, np.intp).reshape(-1, 2)]
+    return np.unique(edge_keys(np.concatenate([segments, split])))
 
 
-@kernel
-def _along_curve(points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Order of the points along a Z-order curve through 256 x 256 cells.
+def _along_curve(points: Points) -> Ids:
+    """Return the order of the points along a Z-order curve through 256 x 256 cells.
 
     Neighbours on the plane then lie close in memory.
     """
-    count = len(points)
-    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
-    for p in range(count):
-        low_x, high_x = min(low_x, points[p, 0]), max(high_x, points[p, 0])
-        low_y, high_y = min(low_y, points[p, 1]), max(high_y, points[p, 1])
-    scale = 255.5 / max(high_x - low_x, high_y - low_y, 1e-300)
-    keys = np.empty(count, np.uint16)
-    starts = np.zeros(65_537, np.int64)
-    for p in range(count):
-        col, row = int((points[p, 0] - low_x) * scale), int((points[p, 1] - low_y) * scale)
-        key = 0
-        for bit in range(8):
-            key |= ((col >> bit) & 1) << (2 * bit) | ((row >> bit) & 1) << (2 * bit + 1)
-        keys[p] = key
-        starts[key + 1] += 1
-    for key in range(65_536):
-        starts[key + 1] += starts[key]
-    order = np.empty(count, np.int32)
-    for p in range(count):
-        order[starts[keys[p]]] = p
-        starts[keys[p]] += 1
-    return order
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = 255.5 / max(float((high - low).max()), 1e-300)
+    col, row = ((points - low) * scale).astype(np.uint8).T
+    keys = _SPREAD[col] | _SPREAD[row] << np.uint16(1)
+    return np.argsort(keys, kind="stable").astype(np.int32)  # by counting, for so few bits
 
 
-@kernel
-def _strip(
-    vertices: NDArray[np.uint32], neighbours: NDArray[np.uint32], auxiliary: int
-) -> tuple[Triangles, Triangles]:
-    """Return triangles and neighbours without those on the first `auxiliary` vertices."""
-    place = np.full(len(vertices), FILL, np.int32)
+@kernel(
+    int64(
+        reads(uint32, 2),
+        reads(uint32, 2),
+        int64,
+        reads(int32, 1),
+        writes(int32, 1),
+        writes(int32, 2),
+        writes(int32, 2),
+    )
+)
+def _take_triangles(
+    vertices: NDArray[np.uint32],
+    across: NDArray[np.uint32],
+    auxiliary: int,
+    order: Ids,
+    place: Ids,
+    triangles: Triangles,
+    neighbours: Triangles,
+) -> int:
+    """Fill triangles and neighbours from the engine's, and return how many there are.
+
+    Those on the first `auxiliary` vertices are left out. The engine numbers vertices along the
+    curve; its neighbour k lies across the side from corner k to corner k + 1.
+    """
     count = 0
     for t in range(len(vertices)):
+        place[t] = FILL
         if min(vertices[t, 0], vertices[t, 1], vertices[t, 2]) >= auxiliary:
             place[t] = count
             count += 1
-    triangles = np.empty((count, 3), np.int32)
-    across = np.empty((count, 3), np.int32)
     for t in range(len(vertices)):
-        if place[t] != FILL:
-            for k in range(3):
-                triangles[place[t], k] = vertices[t, k] - auxiliary
-                other = neighbours[t, k]
-                across[place[t], k] = place[other] if other < len(vertices) else FILL
-    return triangles, across
-
-
-@kernel
-def _renumber(triangles: Triangles, order: NDArray[np.int32]) -> None:
-    """Replace places in `order` by what stands there."""
-    for t in range(len(triangles)):
+        at = place[t]
+        if at == FILL:
+            continue
+        first = 0
+        for k in range(1, 3):
+            if order[vertices[t, k] - auxiliary] < order[vertices[t, first] - auxiliary]:
+                first = k
         for k in range(3):
-            triangles[t, k] = order[triangles[t, k]]
+            corner = (first + k) % 3
+            triangles[at, k] = order[vertices[t, corner] - auxiliary]
+            other = across[t, (corner + 1) % 3]
+            neighbours[at, k] = place[other] if other < len(vertices) else FILL
+    return count

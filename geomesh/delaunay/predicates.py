@@ -1,107 +1,124 @@
-"""Exact predicates: whether four points lie on one circle."""
+"""Exact predicates: whether four points lie on one circle.
+
+A floating-point test decides nearly every case; what it leaves open is decided exactly.
+"Exactly" holds for all coordinates whose products up to the fourth degree neither overflow
+nor underflow.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.jit import inner
+from geomesh.arrays.types import Floats, Mask, Points
 from geomesh.raster.grid import LATTICE
 
-# Of the in-circle determinant, relative to the sum of its terms' magnitudes
+# Rounding error of the in-circle determinant, relative to the sum of its terms' magnitudes
 # (Shewchuk 1997, with the roundings of the bound itself).
 _UNIT = 2.0**-53
-
-
-_BOUND = (10 + 96 * _UNIT) * _UNIT
-
+IN_CIRCLE_ERROR = (10 + 96 * _UNIT) * _UNIT
 
 # Lattice coordinates are taken as integers up to here ...
 _LARGEST = 2.0**52
-
-
 # ... and a determinant of integers is known from its last 64 bits up to here.
 _WORD = 2.0**62
 
-
 _SPLITTER = 2.0**27 + 1
 
-
-TERMS = 384
-
-
-@kernel
-def cocircular(
-    points: NDArray[np.float64], a: int, b: int, c: int, d: int, terms: NDArray[np.float64]
-) -> bool:
-    """Tell exactly whether four points lie on one circle; `terms` is room to work in."""
-    ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-    cx, cy, dx, dy = points[c, 0], points[c, 1], points[d, 0], points[d, 1]
-    adx, ady, bdx, bdy, cdx, cdy = ax - dx, ay - dy, bx - dx, by - dy, cx - dx, cy - dy
-    bc, cb, ca, ac, ab, ba = bdx * cdy, cdx * bdy, cdx * ady, adx * cdy, adx * bdy, bdx * ady
-    aa, bb, cc = adx * adx + ady * ady, bdx * bdx + bdy * bdy, cdx * cdx + cdy * cdy
-    value = abs(aa * (bc - cb) + bb * (ca - ac) + cc * (ab - ba))
-    size = aa * (abs(bc) + abs(cb)) + bb * (abs(ca) + abs(ac)) + cc * (abs(ab) + abs(ba))
-    bound = _BOUND * size
-    if value > bound:
-        return False
-    on_lattice = _on_lattice(points, a) and _on_lattice(points, b)
-    on_lattice = on_lattice and _on_lattice(points, c) and _on_lattice(points, d)
-    if on_lattice and (value + bound) * LATTICE**4 < _WORD:
-        # The determinant, in units of the lattice, is an integer below 2^62: it is zero
-        # if its last 64 bits are, and those come out right though products overflow.
-        x0, y0 = _integer(ax) - _integer(dx), _integer(ay) - _integer(dy)
-        x1, y1 = _integer(bx) - _integer(dx), _integer(by) - _integer(dy)
-        x2, y2 = _integer(cx) - _integer(dx), _integer(cy) - _integer(dy)
-        last = (x0 * x0 + y0 * y0) * (x1 * y2 - x2 * y1)
-        last += (x1 * x1 + y1 * y1) * (x2 * y0 - x0 * y2)
-        last += (x2 * x2 + y2 * y2) * (x0 * y1 - x1 * y0)
-        return bool(last == np.uint64(0))
-    count = _lifted_area(terms, 0, 1.0, ax, ay, bx, by, cx, cy, dx, dy)
-    count = _lifted_area(terms, count, -1.0, bx, by, ax, ay, cx, cy, dx, dy)
-    count = _lifted_area(terms, count, 1.0, cx, cy, ax, ay, bx, by, dx, dy)
-    count = _lifted_area(terms, count, -1.0, dx, dy, ax, ay, bx, by, cx, cy)
-    return _sums_to_zero(terms)
+# Quadruples whose terms are held at a time: 384 numbers each.
+_BLOCK = 2048
 
 
-@kernel
-def _on_lattice(points: NDArray[np.float64], p: int) -> bool:
-    x, y = points[p, 0] * LATTICE, points[p, 1] * LATTICE
-    return bool(max(abs(x), abs(y)) < _LARGEST and x == np.floor(x) and y == np.floor(y))
+@inner
+def in_circle(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
+) -> tuple[float, float]:
+    """Return the in-circle determinant of a, b, c seen from d, and the sum of magnitudes.
+
+    Positive where d lies inside the circle of a counter-clockwise triangle abc; with a
+    magnitude up to `IN_CIRCLE_ERROR` times the sum, the sign is not certain.
+    """
+    ax, ay, bx, by, cx, cy = ax - dx, ay - dy, bx - dx, by - dy, cx - dx, cy - dy
+    aa, bb, cc = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
+    bxcy, cxby, cxay, axcy, axby, bxay = bx * cy, cx * by, cx * ay, ax * cy, ax * by, bx * ay
+    value = aa * (bxcy - cxby) + bb * (cxay - axcy) + cc * (axby - bxay)
+    size = (
+        aa * (abs(bxcy) + abs(cxby)) + bb * (abs(cxay) + abs(axcy)) + cc * (abs(axby) + abs(bxay))
+    )
+    return value, size
 
 
-@kernel
-def _integer(value: float) -> np.uint64:
-    # By way of int64: what a negative float becomes as unsigned depends on the processor.
-    return np.uint64(np.int64(value * LATTICE))
+def are_cocircular(a: Points, b: Points, c: Points, d: Points) -> Mask:
+    """Tell exactly which quadruples of points (K, 2) each lie on one circle.
+
+    Meant for the few that `in_circle` leaves open: exact sums take their time.
+    """
+    corners = np.stack([a, b, c, d])
+    on_lattice = _fits_lattice(corners)
+    cocircular = np.empty(len(a), np.bool_)
+    cocircular[on_lattice] = _on_lattice(corners[:, on_lattice])
+    rest = np.flatnonzero(~on_lattice)
+    for start in range(0, len(rest), _BLOCK):
+        block = rest[start : start + _BLOCK]
+        cocircular[block] = _sums_to_zero(_terms(corners[:, block]))
+    return cocircular
 
 
-@kernel
+def _fits_lattice(corners: NDArray[np.float64]) -> Mask:
+    """Tell which quadruples (4, K, 2) have integer lattice coordinates and a small determinant."""
+    scaled = corners * LATTICE
+    whole = (np.abs(scaled) < _LARGEST) & (scaled == np.floor(scaled))
+    x, y = np.moveaxis(scaled[:3] - scaled[3], -1, 0)
+    lifted = x * x + y * y
+    value, size = np.zeros((2, corners.shape[1]))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        value += lifted[i] * (x[j] * y[k] - x[k] * y[j])
+        size += lifted[i] * (np.abs(x[j] * y[k]) + np.abs(x[k] * y[j]))
+    fits: Mask = whole.all(axis=(0, 2)) & (np.abs(value) + IN_CIRCLE_ERROR * size < _WORD)
+    return fits
+
+
+def _on_lattice(corners: NDArray[np.float64]) -> Mask:
+    """Tell which quadruples (4, K, 2) of lattice points lie on one circle.
+
+    The determinant, in units of the lattice, is an integer below 2^62: it is zero if its last
+    64 bits are, and those come out right though products overflow.
+    """
+    whole = (corners * LATTICE).astype(np.int64).view(np.uint64)
+    x, y = np.moveaxis(whole[:3] - whole[3], -1, 0)
+    lifted = x * x + y * y
+    last = lifted[0] * (x[1] * y[2] - x[2] * y[1])
+    last += lifted[1] * (x[2] * y[0] - x[0] * y[2])
+    last += lifted[2] * (x[0] * y[1] - x[1] * y[0])
+    zero: Mask = last == 0
+    return zero
+
+
+def _terms(corners: NDArray[np.float64]) -> Floats:
+    """Return terms (384, K) whose exact sum is the in-circle determinant of (4, K, 2)."""
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = np.moveaxis(corners, -1, 1)
+    lifted = (
+        (1.0, ax, ay, bx, by, cx, cy, dx, dy),
+        (-1.0, bx, by, ax, ay, cx, cy, dx, dy),
+        (1.0, cx, cy, ax, ay, bx, by, dx, dy),
+        (-1.0, dx, dy, ax, ay, bx, by, cx, cy),
+    )
+    return np.stack([term for each in lifted for term in _lifted_area(*each)])
+
+
 def _lifted_area(
-    terms: NDArray[np.float64],
-    count: int,
-    sign: float,
-    px: float,
-    py: float,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    cx: float,
-    cy: float,
-) -> int:
-    """Append 96 terms whose exact sum is (px^2 + py^2) times twice the area of abc, signed."""
+    sign: float, px: Floats, py: Floats, ax: Floats, ay: Floats, *rest: Floats
+) -> list[Floats]:
+    """Return 96 terms whose exact sum is (px^2 + py^2) times twice the area of abc, signed."""
+    bx, by, cx, cy = rest
     lift = (*_product(px, px), *_product(py, py))
-    for p, q in ((ax, by), (-ay, bx), (bx, cy), (-by, cx), (cx, ay), (-cy, ax)):
-        for factor in _product(sign * p, q):
-            for part in lift:
-                terms[count], terms[count + 1] = _product(factor, part)
-                count += 2
-    return count
+    pairs = ((ax, by), (-ay, bx), (bx, cy), (-by, cx), (cx, ay), (-cy, ax))
+    factors = [factor for p, q in pairs for factor in _product(sign * p, q)]
+    return [term for factor in factors for part in lift for term in _product(factor, part)]
 
 
-@kernel
-def _product(a: float, b: float) -> tuple[float, float]:
+def _product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Two floats whose exact sum is the product (Dekker 1971)."""
     high = a * b
     split = _SPLITTER * a
@@ -113,25 +130,27 @@ def _product(a: float, b: float) -> tuple[float, float]:
     return high, a2 * b2 - (((high - a1 * b1) - a2 * b1) - a1 * b2)
 
 
-@kernel
-def _sums_to_zero(terms: NDArray[np.float64]) -> bool:
-    """Tell exactly whether floats add up to zero; they are overwritten.
+def _sums_to_zero(terms: Floats) -> Mask:
+    """Tell exactly which columns of floats (M, K) add up to zero; they are overwritten.
 
-    Each sweep adds them up and keeps every rounding error in place, so the exact sum
-    stays what it is while its magnitude moves into the last of them.
+    Each sweep adds a column up and keeps every rounding error in place, so the exact sum
+    stays what it is while its magnitude moves into the last row.
     """
-    last = len(terms) - 1
-    while True:
-        total, rest = terms[0], 0.0
-        for i in range(last):
-            term = terms[i + 1]
+    zero = np.zeros(terms.shape[1], np.bool_)
+    left = np.arange(terms.shape[1])
+    while len(left):
+        total, rest = terms[0].copy(), np.zeros(len(left))
+        for row in range(len(terms) - 1):
+            term = terms[row + 1]
             high = total + term
             shared = high - total
-            terms[i] = (total - (high - shared)) + (term - shared)
-            rest += abs(terms[i])
+            error = (total - (high - shared)) + (term - shared)
+            terms[row] = error
+            rest += np.abs(error)
             total = high
-        terms[last] = total
-        if not abs(total) <= 1.0001 * rest:  # also where there is no number any more
-            return False
-        if rest == 0.0:
-            return True
+        terms[-1] = total
+        zero[left[rest == 0.0]] = total[rest == 0.0] == 0.0
+        # Also done where there is no number any more.
+        open_ = (np.abs(total) <= 1.0001 * rest) & (rest > 0.0)
+        left, terms = left[open_], terms[:, open_]
+    return zero

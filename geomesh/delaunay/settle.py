@@ -1,26 +1,28 @@
-"""The kernels of `geomesh.tiled`: which triangles of a tile are settled, and what they border."""
+"""Which triangles of a tile are settled, and what they border: the kernels of `tiled`."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.types import Triangles
+from geomesh.arrays.jit import boolean, float64, inner, int32, int64, kernel, reads, void, writes
+from geomesh.arrays.types import Floats, Ids, Mask, Points, Triangles
 from geomesh.mesh.topology import FILL
 
 # Far above what a few operations in float64 err by, relative to the sum of magnitudes.
 _ERROR = 1e-14
 
-Groups = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+Groups = tuple[Ids, Ids, Ids, Ids]
 
 
-@kernel
-def settle(
-    points: NDArray[np.float64], triangles: Triangles, box: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def settle(points: Points, triangles: Triangles, box: Floats) -> Mask:
     """Tell which triangles' circumcircles lie strictly inside the box, beyond rounding."""
     settled = np.empty(len(triangles), np.bool_)
+    _settle(points, triangles, box, settled)
+    return settled
+
+
+@kernel(void(reads(float64, 2), reads(int32, 2), reads(float64, 1), writes(boolean, 1)))
+def _settle(points: Points, triangles: Triangles, box: Floats, settled: Mask) -> None:
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ax, ay = points[a, 0], points[a, 1]
@@ -41,17 +43,15 @@ def settle(
             and ax + x + reach < box[2]
             and ay + y + reach < box[3]
         )
-    return settled
 
 
-@kernel
 def mark_touched(
-    points: NDArray[np.float64],
+    points: Points,
     triangles: Triangles,
-    across: Triangles,
-    lines: NDArray[np.float64],
-    inside: NDArray[np.int32],
-    settled: NDArray[np.bool_],
+    neighbours: Triangles,
+    lines: Floats,
+    inside: Ids,
+    settled: Mask,
 ) -> None:
     """Clear `settled` for each triangle that a segment touches, if only in a corner.
 
@@ -67,57 +67,75 @@ def mark_touched(
         One of the points that is an end of the segment, or `FILL`.
     """
     at = np.full(len(points), FILL, np.int32)
-    hull = 0
-    for t in range(len(triangles)):
-        for k in range(3):
-            at[triangles[t, k]] = t
-            hull += across[t, k] == FILL
-    rim = np.empty((hull, 2), np.int32)
-    hull = 0
-    for t in range(len(triangles)):
-        for k in range(3):
-            if across[t, k] == FILL:
-                rim[hull, 0], rim[hull, 1] = t, k
-                hull += 1
-    seen = np.full(len(triangles), FILL, np.int32)
-    stack = np.empty(len(triangles), np.int32)
+    at[triangles] = np.arange(len(triangles), dtype=np.int32)[:, None]
+    first = np.where(inside != FILL, at[inside], FILL)
+    rim = np.column_stack(np.nonzero(neighbours == FILL)).astype(np.int32)
+    seen, stack = np.full(len(triangles), FILL, np.int32), np.empty(len(triangles), np.int32)
+    _mark_touched(points, triangles, neighbours, lines, inside, first, rim, seen, stack, settled)
+
+
+@kernel(
+    void(
+        reads(float64, 2),
+        reads(int32, 2),
+        reads(int32, 2),
+        reads(float64, 2),
+        reads(int32, 1),
+        reads(int32, 1),
+        reads(int32, 2),
+        writes(int32, 1),
+        writes(int32, 1),
+        writes(boolean, 1),
+    )
+)
+def _mark_touched(
+    points: Points,
+    triangles: Triangles,
+    neighbours: Triangles,
+    lines: Floats,
+    inside: Ids,
+    first: Ids,
+    rim: Ids,
+    seen: Ids,
+    stack: Ids,
+    settled: Mask,
+) -> None:
     for s in range(len(lines)):
-        ax, ay, bx, by = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3]
         depth = 0
-        if inside[s] != FILL:
-            if at[inside[s]] != FILL:
-                seen[at[inside[s]]] = s
-                stack[0] = at[inside[s]]
-                depth = 1
-        else:
-            for h in range(hull):
-                t, k = rim[h, 0], rim[h, 1]
-                p, q = triangles[t, k], triangles[t, (k + 1) % 3]
-                px, py, qx, qy = points[p, 0], points[p, 1], points[q, 0], points[q, 1]
-                if seen[t] != s and _touch(ax, ay, bx, by, px, py, qx, qy):
+        if inside[s] == FILL:
+            for h in range(len(rim)):
+                t = rim[h, 0]
+                if seen[t] != s and _touches(points, triangles, t, rim[h, 1], lines, s):
                     seen[t] = s
                     stack[depth] = t
                     depth += 1
+        elif first[s] != FILL:
+            seen[first[s]] = s
+            stack[0] = first[s]
+            depth = 1
         while depth > 0:
             depth -= 1
             t = stack[depth]
             settled[t] = False
             for k in range(3):
-                other = across[t, k]
-                if other != FILL and seen[other] != s:
-                    p, q = triangles[t, k], triangles[t, (k + 1) % 3]
-                    px, py, qx, qy = points[p, 0], points[p, 1], points[q, 0], points[q, 1]
-                    if _touch(ax, ay, bx, by, px, py, qx, qy):
-                        seen[other] = s
-                        stack[depth] = other
-                        depth += 1
+                other = neighbours[t, k]
+                if other == FILL or seen[other] == s:
+                    continue
+                if _touches(points, triangles, t, k, lines, s):
+                    seen[other] = s
+                    stack[depth] = other
+                    depth += 1
 
 
-@kernel
-def _touch(
-    ax: float, ay: float, bx: float, by: float, px: float, py: float, qx: float, qy: float
-) -> bool:
-    """Tell whether segments ab and pq may have a point in common; False is certain."""
+@inner
+def _touches(points: Points, triangles: Triangles, t: int, k: int, lines: Floats, s: int) -> bool:
+    """Tell whether segment s and the side opposite to corner k of triangle t may meet.
+
+    False is certain.
+    """
+    p, q = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
+    px, py, qx, qy = points[p, 0], points[p, 1], points[q, 0], points[q, 1]
+    ax, ay, bx, by = lines[s, 0], lines[s, 1], lines[s, 2], lines[s, 3]
     if max(ax, bx) < min(px, qx) or max(px, qx) < min(ax, bx):
         return False
     if max(ay, by) < min(py, qy) or max(py, qy) < min(ay, by):
@@ -127,7 +145,7 @@ def _touch(
     return _side(px, py, qx, qy, ax, ay) * _side(px, py, qx, qy, bx, by) <= 0
 
 
-@kernel
+@inner
 def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> int:
     """On which side of the line ab the point p lies: 1, -1, or 0 if that is not certain."""
     left, right = (bx - ax) * (py - ay), (by - ay) * (px - ax)
@@ -137,8 +155,7 @@ def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> i
     return 1 if value > 0 else -1
 
 
-@kernel
-def gather_groups(triangles: Triangles, across: Triangles, settled: NDArray[np.bool_]) -> Groups:
+def gather_groups(triangles: Triangles, neighbours: Triangles, settled: Mask) -> Groups:
     """Return the settled triangles by connected groups, and the half-edges around these.
 
     Returns
@@ -148,55 +165,53 @@ def gather_groups(triangles: Triangles, across: Triangles, settled: NDArray[np.b
     border : int32 (B, 2)
     groups : int32 (B,)
     """
-    count = edges = 0
-    for t in range(len(triangles)):
-        if settled[t]:
-            count += 1
-            for k in range(3):
-                edges += across[t, k] == FILL or not settled[across[t, k]]
-    chosen = np.empty((count, 3), np.int32)
-    starts = np.zeros(count + 1, np.int32)
-    border, groups = np.empty((edges, 2), np.int32), np.empty(edges, np.int32)
-    seen = np.zeros(len(triangles), np.bool_)
-    stack = np.empty(count, np.int32)
-    count = edges = group = 0
-    for first in range(len(triangles)):
-        if not settled[first] or seen[first]:
+    order = np.empty(int(np.count_nonzero(settled)), np.int32)
+    group = np.full(len(triangles), FILL, np.int32)
+    starts = np.zeros(len(order) + 1, np.int32)
+    count = _gather_groups(neighbours, settled, order, group, starts)
+    open_ = (neighbours[order] == FILL) | ~settled[neighbours[order]]
+    at, k = np.nonzero(open_)
+    t = order[at]
+    border = np.column_stack([triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]])
+    return triangles[order], starts[: count + 1].copy(), border, group[t]
+
+
+@kernel(
+    int64(reads(int32, 2), reads(boolean, 1), writes(int32, 1), writes(int32, 1), writes(int32, 1))
+)
+def _gather_groups(
+    neighbours: Triangles, settled: Mask, order: Ids, group: Ids, starts: Ids
+) -> int:
+    """Fill the order of the settled triangles, the group of each and where groups start."""
+    count = groups = 0
+    for seed in range(len(neighbours)):
+        if not settled[seed] or group[seed] != FILL:
             continue
-        seen[first] = True
-        stack[0], depth = first, 1
-        while depth > 0:
-            depth -= 1
-            t = stack[depth]
-            for k in range(3):
-                chosen[count, k] = triangles[t, k]
-                other = across[t, k]
-                if other == FILL or not settled[other]:
-                    border[edges, 0] = triangles[t, k]
-                    border[edges, 1] = triangles[t, (k + 1) % 3]
-                    groups[edges] = group
-                    edges += 1
-                elif not seen[other]:
-                    seen[other] = True
-                    stack[depth] = other
-                    depth += 1
+        group[seed] = groups
+        order[count] = seed
+        stop = count + 1
+        # What is listed but not yet looked at lies between `count` and `stop`.
+        while count < stop:
+            t = order[count]
             count += 1
-        group += 1
-        starts[group] = count
-    return chosen, starts[: group + 1].copy(), border, groups
+            for k in range(3):
+                other = neighbours[t, k]
+                if other != FILL and settled[other] and group[other] == FILL:
+                    group[other] = groups
+                    order[stop] = other
+                    stop += 1
+        groups += 1
+        starts[groups] = count
+    return groups
 
 
-@kernel
 def unsettled_points(
-    triangles: Triangles, across: Triangles, settled: NDArray[np.bool_], count: int
-) -> NDArray[np.bool_]:
+    triangles: Triangles, neighbours: Triangles, settled: Mask, count: int
+) -> Mask:
     """Tell which of `count` points are not all around in settled triangles."""
     unsettled = np.ones(count, np.bool_)
-    for t in range(len(triangles)):
-        for k in range(3):
-            unsettled[triangles[t, k]] = False
-    for t in range(len(triangles)):
-        for k in range(3):
-            if not settled[t] or across[t, k] == FILL:
-                unsettled[triangles[t, k]] = unsettled[triangles[t, (k + 1) % 3]] = True
+    unsettled[triangles] = False
+    unsettled[triangles[~settled]] = True
+    t, k = np.nonzero(neighbours == FILL)
+    unsettled[triangles[t, (k + 1) % 3]] = unsettled[triangles[t, (k + 2) % 3]] = True
     return unsettled

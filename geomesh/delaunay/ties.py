@@ -7,31 +7,30 @@ determinant is exactly zero, never across a constraint, and each polygon is cut
 anew into a fan around its lowest vertex (by y, then x). The polygons follow from
 points and constraints alone, and being inscribed in circles they are strictly
 convex: any fan is valid.
-
-"Exactly" holds for all coordinates whose products up to the fourth degree neither
-overflow nor underflow.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.types import Triangles
-from geomesh.delaunay.predicates import TERMS, cocircular
-from geomesh.mesh.topology import FILL
-
-# Above the three bits of `merged` that stand for a triangle's edges.
-_LISTED = 8
+from geomesh.arrays.jit import float64, int32, int64, kernel, reads, uint8, writes
+from geomesh.arrays.types import Ids, Mask, Points, Triangles
+from geomesh.delaunay.predicates import IN_CIRCLE_ERROR, are_cocircular, in_circle
+from geomesh.mesh.topology import FILL, edge_keys
 
 
-@kernel
+class _Sides(NamedTuple):
+    """Sides of triangles: the one of triangle `t` that lies opposite to its corner `k`."""
+
+    t: NDArray[np.intp]
+    k: NDArray[np.intp]
+
+
 def break_ties(
-    points: NDArray[np.float64],
-    triangles: Triangles,
-    across: Triangles,
-    fixed: NDArray[np.int64],
+    points: Points, triangles: Triangles, neighbours: Triangles, fixed: NDArray[np.int64]
 ) -> int:
     """Cut the polygons of cocircular triangles anew, in place; return how many edges were ties.
 
@@ -40,112 +39,160 @@ def break_ties(
     points : float64 (N, 2)
     triangles : int32 (T, 3)
         Counter-clockwise, Delaunay; constrained where `fixed` is.
-    across : int32 (T, 3)
-        The triangle over the edge from corner k to corner k + 1, or `FILL`.
+    neighbours : int32 (T, 3)
+        The triangle across the side opposite to corner k, or `FILL`.
     fixed : int64 (F,)
         Sorted keys (`topology.edge_keys`) of the edges that must stay.
     """
-    merged = np.zeros(len(triangles), np.uint8)
-    ties = _mark_ties(points, triangles, across, fixed, merged)
-    if ties > 0:
-        _fan(points, triangles, across, merged)
-    return ties
+    near = np.zeros(len(triangles), np.uint8)
+    if _mark_near_ties(points, triangles, neighbours, near) == 0:
+        return 0
+    sides = _ties(points, triangles, neighbours, fixed, near)
+    if len(sides.t):
+        _cut_fans(points, triangles, neighbours, sides)
+    return len(sides.t)
 
 
-@kernel
-def _mark_ties(
-    points: NDArray[np.float64],
-    triangles: Triangles,
-    across: Triangles,
-    fixed: NDArray[np.int64],
-    merged: NDArray[np.uint8],
+@kernel(int64(reads(float64, 2), reads(int32, 2), reads(int32, 2), writes(uint8, 1)))
+def _mark_near_ties(
+    points: Points, triangles: Triangles, neighbours: Triangles, near: NDArray[np.uint8]
 ) -> int:
-    """Set bit k of `merged` where the edge from corner k to k + 1 is a tie; return their number."""
-    terms = np.empty(TERMS)
-    ties = 0
+    """Set bit k where the side opposite to corner k may be a tie; return how many there are.
+
+    Of the two triangles of an edge, the one with the lower number is marked.
+    """
+    found = 0
     for t in range(len(triangles)):
         for k in range(3):
-            other = across[t, k]
-            if other > t:
-                start, end = triangles[t, k], triangles[t, (k + 1) % 3]
-                j = _ending_at(triangles, other, start)
-                apex, far = triangles[t, (k + 2) % 3], triangles[other, (j + 2) % 3]
-                if cocircular(points, apex, start, end, far, terms):
-                    key = (np.int64(min(start, end)) << 32) | np.int64(max(start, end))
-                    place = np.searchsorted(fixed, key)
-                    if place == len(fixed) or fixed[place] != key:
-                        merged[t] |= 1 << k
-                        merged[other] |= 1 << j
-                        ties += 1
-    return ties
+            other = neighbours[t, k]
+            if other <= t:
+                continue
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            d = triangles[other, 0] + triangles[other, 1] + triangles[other, 2]
+            d -= a + b + c - triangles[t, k]
+            value, size = in_circle(
+                points[a, 0],
+                points[a, 1],
+                points[b, 0],
+                points[b, 1],
+                points[c, 0],
+                points[c, 1],
+                points[d, 0],
+                points[d, 1],
+            )
+            if abs(value) <= IN_CIRCLE_ERROR * size:
+                near[t] |= 1 << k
+                found += 1
+    return found
 
 
-@kernel
-def _ending_at(triangles: Triangles, t: int, vertex: int) -> int:
-    """Return the corner of triangle t from which its edge to `vertex` starts."""
-    if triangles[t, 1] == vertex:
-        return 0
-    return 1 if triangles[t, 2] == vertex else 2
-
-
-@kernel
-def _fan(
-    points: NDArray[np.float64],
+def _ties(
+    points: Points,
     triangles: Triangles,
-    across: Triangles,
-    merged: NDArray[np.uint8],
+    neighbours: Triangles,
+    fixed: NDArray[np.int64],
+    near: NDArray[np.uint8],
+) -> _Sides:
+    """Return the sides, each edge once, that are ties for certain and may be removed."""
+    t, k = np.nonzero(near[:, None] >> np.arange(3, dtype=np.uint8) & 1)
+    apex, start, end = triangles[t, k], triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
+    far = triangles[neighbours[t, k]].sum(axis=1) - start - end
+    tie = are_cocircular(points[apex], points[start], points[end], points[far])
+    if len(fixed):
+        keys = edge_keys(np.column_stack([start, end]))
+        place = np.minimum(np.searchsorted(fixed, keys), len(fixed) - 1)
+        tie &= fixed[place] != keys
+    return _Sides(t[tie], k[tie])
+
+
+def _cut_fans(points: Points, triangles: Triangles, neighbours: Triangles, sides: _Sides) -> None:
+    """Replace each group of triangles that share the sides by a fan around its lowest vertex.
+
+    A group of n triangles is a polygon of n + 2 sides: all of these but the two at the lowest
+    vertex make a triangle with it, which takes the place of one of the group.
+    """
+    other = neighbours[sides.t, sides.k]
+    members, local = np.unique(np.concatenate([sides.t, other]), return_inverse=True)
+    one, another = np.split(local, 2)
+    group = _groups(one, another, len(members))
+    member, corner = np.nonzero(~_shared(triangles, members, sides))
+    t, of = members[member], group[member]
+    u, v = triangles[t, (corner + 1) % 3], triangles[t, (corner + 2) % 3]
+    outer = neighbours[t, corner]
+    lowest = np.lexsort((points[u, 0], points[u, 1], of))
+    low = u[lowest[np.flatnonzero(np.diff(of[lowest], prepend=-1))]][of]
+    fan = np.flatnonzero((u != low) & (v != low))
+    fan = fan[np.argsort(of[fan], kind="stable")]
+    places = members[np.argsort(group, kind="stable")]
+    made = np.column_stack([low[fan], u[fan], v[fan]])
+    # Each triangle begins with its lowest number.
+    turn = (np.arange(3) + made.argmin(axis=1)[:, None]) % 3
+    triangles[places] = np.take_along_axis(made, turn, axis=1)
+    _join(triangles, neighbours, places, np.column_stack([u, v]), outer)
+
+
+def _groups(one: NDArray[np.intp], other: NDArray[np.intp], count: int) -> NDArray[np.int32]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(count, count))
+    labels: NDArray[np.int32] = connected_components(links, directed=False)[1]
+    return labels
+
+
+def _shared(triangles: Triangles, members: NDArray[np.intp], sides: _Sides) -> Mask:
+    """Tell which sides of the members (M, 3) are among the sides that go."""
+    gone = edge_keys(_ends(triangles, sides.t, sides.k))
+    own = [edge_keys(_ends(triangles, members, np.full(len(members), k))) for k in range(3)]
+    return np.isin(np.column_stack(own), gone)
+
+
+def _ends(triangles: Triangles, t: NDArray[np.integer], k: NDArray[np.integer]) -> Ids:
+    return np.column_stack([triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]])
+
+
+def _join(
+    triangles: Triangles,
+    neighbours: Triangles,
+    places: NDArray[np.intp],
+    border: Ids,
+    outer: Ids,
 ) -> None:
-    """Replace each group of merged triangles by a fan around its lowest vertex."""
-    ring, beyond, slots = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64, np.int32)
-    for first in range(len(triangles)):
-        if merged[first] == 0:
-            continue
-        # Once around the polygon: at each vertex, turn over the merged edges to the next border.
-        t, k = first, 0
-        while (merged[t] >> k) & 1:
-            t, k = _turn(triangles, across, t, k)
-        start_t, start_k = t, k
-        count = taken = 0
-        while True:
-            if count + 1 >= len(ring):
-                ring = np.concatenate((ring, np.empty_like(ring)))
-                beyond = np.concatenate((beyond, np.empty_like(beyond)))
-                slots = np.concatenate((slots, np.empty_like(slots)))
-            ring[count], beyond[count] = triangles[t, k], across[t, k]
-            count += 1
-            if merged[t] < _LISTED:
-                merged[t] |= _LISTED
-                slots[taken] = t
-                taken += 1
-            k = (k + 1) % 3
-            while (merged[t] >> k) & 1:
-                t, k = _turn(triangles, across, t, k)
-                if merged[t] < _LISTED:
-                    merged[t] |= _LISTED
-                    slots[taken] = t
-                    taken += 1
-            if t == start_t and k == start_k:
-                break
-        low = 0
-        for i in range(1, count):
-            y, least = points[ring[i], 1], points[ring[low], 1]
-            if y < least or (y == least and points[ring[i], 0] < points[ring[low], 0]):
-                low = i
-        for i in range(taken):
-            t, one, two = slots[i], (low + 1 + i) % count, (low + 2 + i) % count
-            triangles[t, 0], triangles[t, 1], triangles[t, 2] = ring[low], ring[one], ring[two]
-            across[t, 0] = beyond[low] if i == 0 else slots[i - 1]
-            across[t, 1] = beyond[one]
-            across[t, 2] = beyond[two] if i == taken - 1 else slots[i + 1]
-            merged[t] = 0
-        for i in range(count):
-            if beyond[i] != FILL:
-                place = min(max((i - low) % count - 1, 0), taken - 1)
-                across[beyond[i], _ending_at(triangles, beyond[i], ring[i])] = slots[place]
+    """Set the neighbours of the new triangles at `places`, and of those around them.
+
+    Parameters
+    ----------
+    border : int32 (B, 2)
+        Sides of the polygons, from node to node.
+    outer : int32 (B,)
+        The triangle that lay beyond each before, or `FILL`.
+    """
+    t, k = np.repeat(places, 3), np.tile(np.arange(3), len(places))
+    ends = _ends(triangles, t, k)
+    keys = _directed(ends)
+    order = np.argsort(keys)
+    found, place = _search(keys[order], _directed(ends[:, ::-1]))
+    neighbours[t, k] = np.where(found, t[order[place]], FILL)
+    # Beyond a side without a new triangle lies what lay there before, if anything.
+    sides = np.flatnonzero(~found)
+    order = np.argsort(_directed(border))
+    _, place = _search(_directed(border)[order], keys[sides])
+    beyond = outer[order[place]]
+    neighbours[t[sides], k[sides]] = beyond
+    there = beyond != FILL
+    sides, beyond = sides[there], beyond[there]
+    corners = triangles[beyond]
+    facing = ((corners != ends[sides, :1]) & (corners != ends[sides, 1:])).argmax(axis=1)
+    neighbours[beyond, facing] = t[sides]
 
 
-@kernel
-def _turn(triangles: Triangles, across: Triangles, t: int, k: int) -> tuple[int, int]:
-    """Return the edge that starts at the same vertex as edge k of t, in the triangle across it."""
-    other = across[t, k]
-    return other, (_ending_at(triangles, other, triangles[t, k]) + 1) % 3
+def _directed(ends: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return one int64 for a directed side (K, 2)."""
+    keys: NDArray[np.int64] = (ends[:, 0].astype(np.int64) << 32) | ends[:, 1]
+    return keys
+
+
+def _search(ordered: NDArray[np.int64], keys: NDArray[np.int64]) -> tuple[Mask, NDArray[np.intp]]:
+    """Return which keys are among the ordered ones, and where."""
+    place = np.minimum(np.searchsorted(ordered, keys), len(ordered) - 1)
+    return ordered[place] == keys, place

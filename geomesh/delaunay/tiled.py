@@ -35,9 +35,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.jit import boolean, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.types import Triangles
-from geomesh.delaunay import cdt
+from geomesh.delaunay.cdt import Patch, spans_area, triangulate_points
 from geomesh.delaunay.kd_split import split
 from geomesh.delaunay.settle import gather_groups, mark_touched, settle, unsettled_points
 from geomesh.errors import CertificateError
@@ -68,13 +68,13 @@ class _Settled(NamedTuple):
     residual: NDArray[np.int32]
 
 
-def triangulate(
+def triangulate_by_tiles(
     points: NDArray[np.float64],
     segments: NDArray[np.integer] | None,
     tile_points: int,
     executor: Executor | None = None,
 ) -> list[Triangles]:
-    """Return the triangles of `cdt.triangulate`, in parts and in no particular order.
+    """Return the triangles of `triangulate_points`, in parts and in no particular order.
 
     Parameters
     ----------
@@ -103,12 +103,12 @@ def _settle_tile(
     ids = np.sort(tile[0])
     own = points[ids]
     nothing = np.empty((0, 3), np.int32)
-    patch = cdt.triangulate(own) if cdt.spans_area(own) else cdt.Patch(nothing, nothing)
+    patch = triangulate_points(own) if spans_area(own) else Patch(nothing, nothing)
     settled = settle(own, patch.triangles, tile[1])
     if segments is not None:
         _exclude_touched(points, segments, ids, own, patch, settled)
-    triangles, starts, border, groups = gather_groups(patch.triangles, patch.across, settled)
-    residual = unsettled_points(patch.triangles, patch.across, settled, len(own))
+    triangles, starts, border, groups = gather_groups(patch.triangles, patch.neighbours, settled)
+    residual = unsettled_points(patch.triangles, patch.neighbours, settled, len(own))
     return _Settled(ids[triangles], starts, ids[border], groups, ids[residual])
 
 
@@ -117,7 +117,7 @@ def _exclude_touched(
     segments: NDArray[np.integer],
     ids: NDArray[np.int32],
     own: NDArray[np.float64],
-    patch: cdt.Patch,
+    patch: Patch,
     settled: NDArray[np.bool_],
 ) -> None:
     """Clear `settled` where a segment touches a triangle of the tile."""
@@ -129,7 +129,7 @@ def _exclude_touched(
     place = np.minimum(np.searchsorted(ids, ends), len(ids) - 1)
     inside = np.where(ids[place] == ends, place, FILL).max(axis=1, initial=FILL)
     lines = np.hstack([one[near], other[near]])
-    mark_touched(own, patch.triangles, patch.across, lines, inside.astype(np.int32), settled)
+    mark_touched(own, patch.triangles, patch.neighbours, lines, inside.astype(np.int32), settled)
 
 
 def _join(
@@ -140,10 +140,10 @@ def _join(
     """Triangulate the residual points and put the settled triangles in their place."""
     residual = np.sort(np.concatenate([tile.residual for tile in found]))
     chosen = None if segments is None else np.searchsorted(residual, segments)
-    patch = cdt.triangulate(points[residual], chosen)
+    patch = triangulate_points(points[residual], chosen)
     borders = [np.searchsorted(residual, tile.border).astype(np.int32) for tile in found]
     places = _find_half_edges(patch.triangles, np.concatenate(borders))
-    covered = _flood(patch.across, places)
+    covered = _flood(patch.neighbours, places)
     parts = [residual[patch.triangles[~covered]]]
     first = 0
     while found:
@@ -165,9 +165,9 @@ def _join(
 
 
 def _find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return 3 t + k for each half-edge (K, 2) from corner k of triangle t, or `FILL`."""
-    starts = triangles.astype(np.int64).ravel() << 32
-    keys = starts | np.roll(triangles, -1, axis=1).ravel()
+    """Return 3 t + k for each half-edge (K, 2) opposite to corner k of triangle t, or `FILL`."""
+    starts = np.roll(triangles, -1, axis=1).astype(np.int64).ravel() << 32
+    keys = starts | np.roll(triangles, -2, axis=1).ravel()
     wanted = (pairs[:, 0].astype(np.int64) << 32) | pairs[:, 1]
     order = np.argsort(keys)
     keys = keys[order]
@@ -179,28 +179,34 @@ def _find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[
     return found
 
 
-@kernel
-def _flood(across: Triangles, places: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _flood(neighbours: Triangles, places: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Mark the triangles with the half-edges `places`, and all that they reach over other ones."""
-    reached = np.zeros(len(across), np.bool_)
-    closed = np.zeros(across.shape, np.bool_)
-    stack = np.empty(len(across), np.int32)
-    depth = 0
-    for place in places:
-        if place != FILL:
-            t = place // 3
-            closed[t, place % 3] = True
-            if not reached[t]:
-                reached[t] = True
-                stack[depth] = t
-                depth += 1
+    begun, closed = places[places != FILL] // 3, np.zeros(neighbours.size, np.bool_)
+    closed[places[places != FILL]] = True
+    reached = np.zeros(len(neighbours), np.bool_)
+    reached[begun] = True
+    first = np.flatnonzero(reached)
+    stack = np.empty(len(neighbours), np.int32)
+    stack[: len(first)] = first
+    _spread(neighbours, closed, reached, stack, len(first))
+    return reached
+
+
+@kernel(void(reads(int32, 2), reads(boolean, 1), writes(boolean, 1), writes(int32, 1), int64))
+def _spread(
+    neighbours: Triangles,
+    closed: NDArray[np.bool_],
+    reached: NDArray[np.bool_],
+    stack: NDArray[np.int32],
+    depth: int,
+) -> None:
+    """Mark what the first `depth` triangles of the stack reach over sides that are not closed."""
     while depth > 0:
         depth -= 1
         t = stack[depth]
         for k in range(3):
-            other = across[t, k]
-            if other != FILL and not closed[t, k] and not reached[other]:
+            other = neighbours[t, k]
+            if other != FILL and not closed[3 * t + k] and not reached[other]:
                 reached[other] = True
                 stack[depth] = other
                 depth += 1
-    return reached

@@ -8,17 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.order import stable_order
 from geomesh.arrays.types import Triangles
-from geomesh.delaunay import cdt, tiled
+from geomesh.delaunay.cdt import spans_area, triangulate_points
 
 # Above so many points the engine gets them tile by tile, and its memory stays that of
 # a tile. The result is the same.
 TILED_ABOVE = 20_000_000
 TILE_POINTS = 1_000_000
-
-# Rows beyond which a sort is worth its preparation.
-_LONG = 32
 
 
 class Triangulation(NamedTuple):
@@ -55,7 +52,7 @@ def delaunay(points: NDArray[np.float64], *, executor: Executor | None = None) -
     Triangulation
         Without triangles if there are fewer than three points or all lie on a line.
     """
-    if not cdt.spans_area(points):
+    if not spans_area(points):
         return Triangulation(np.empty((0, 3), np.int32), np.empty(0, np.intp))
     return _triangulate(points, None, executor)
 
@@ -94,75 +91,24 @@ def _triangulate(
     executor: Executor | None,
 ) -> Triangulation:
     if len(points) > TILED_ABOVE:
-        parts = tiled.triangulate(points, segments, TILE_POINTS, executor)
+        from geomesh.delaunay.tiled import triangulate_by_tiles
+
+        parts = triangulate_by_tiles(points, segments, TILE_POINTS, executor)
     else:
-        parts = [cdt.triangulate(points, segments).triangles]
-    return _finish(parts, len(points))
+        parts = [triangulate_points(points, segments).triangles]
+    return _in_order(parts, len(points))
 
 
-def _finish(parts: list[Triangles], count: int) -> Triangulation:
-    """Join triangles over `count` points in canonical form; `parts` is emptied on the way.
+def _in_order(parts: list[Triangles], count: int) -> Triangulation:
+    """Join triangles over `count` points, each beginning with its lowest index, in row order.
 
-    A counting sort by the lowest index; of the few triangles that share it, no two
-    have the same second one.
+    No two triangles of one lowest index have the same second one. `parts` is emptied on the
+    way: for tens of millions of points memory counts.
     """
-    starts = np.zeros(count + 1, np.int32)
+    triangles = np.concatenate(parts)
+    parts.clear()
     used = np.zeros(count, np.bool_)
-    for part in parts:
-        _turn(part, starts, used)
-    np.cumsum(starts, out=starts)
-    triangles = np.empty((starts[-1], 3), np.int32)
-    while parts:
-        _deal(parts.pop(), starts, triangles)
-    del starts
-    _sort_runs(triangles)
-    return Triangulation(triangles, np.flatnonzero(used))
-
-
-@kernel
-def _turn(triangles: Triangles, starts: NDArray[np.int32], used: NDArray[np.bool_]) -> None:
-    """Turn triangles to their lowest index; count it one place on; mark what is used."""
-    for t in range(len(triangles)):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        used[a] = used[b] = used[c] = True
-        if b < a and b < c:
-            a, b, c = b, c, a
-        elif c < a and c < b:
-            a, b, c = c, a, b
-        triangles[t, 0], triangles[t, 1], triangles[t, 2] = a, b, c
-        starts[a + 1] += 1
-
-
-@kernel
-def _deal(part: Triangles, starts: NDArray[np.int32], triangles: Triangles) -> None:
-    """Put each triangle at the next free place of its lowest index."""
-    for t in range(len(part)):
-        place = starts[part[t, 0]]
-        starts[part[t, 0]] += 1
-        for k in range(3):
-            triangles[place, k] = part[t, k]
-
-
-@kernel
-def _sort_runs(triangles: Triangles) -> None:
-    """Sort the rows of each lowest index by the second."""
-    first = 0
-    while first < len(triangles):
-        end = first + 1
-        while end < len(triangles) and triangles[end, 0] == triangles[first, 0]:
-            end += 1
-        if end - first > _LONG:
-            run = triangles[first:end].copy()
-            for i, place in enumerate(np.argsort(run[:, 1])):
-                for k in range(3):
-                    triangles[first + i, k] = run[place, k]
-        else:
-            for i in range(first + 1, end):
-                a, b, c = triangles[i, 0], triangles[i, 1], triangles[i, 2]
-                j = i
-                while j > first and triangles[j - 1, 1] > b:
-                    for k in range(3):
-                        triangles[j, k] = triangles[j - 1, k]
-                    j -= 1
-                triangles[j, 0], triangles[j, 1], triangles[j, 2] = a, b, c
-        first = end
+    used[triangles] = True
+    by_second = stable_order(triangles[:, 1], count)
+    order = by_second[stable_order(triangles[by_second, 0], count)]
+    return Triangulation(triangles[order], np.flatnonzero(used))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.jit import boolean, float64, int64, kernel, reads, void, writes
 from geomesh.domain.outline import Outline
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.raster.grid import Window
@@ -54,7 +54,7 @@ def simplify(outline: Outline, extent: Window) -> list[NDArray[np.float64]]:
         # Begin at a corner that stays, or else at the topmost, then leftmost one.
         first = np.flatnonzero(stays)[0] if stays.any() else np.lexsort(loop.T)[0]
         stations = _stations(np.roll(loop, -first, axis=0), np.roll(stays, -first))
-        loops.append(stations.xy[_fewest_lines(*stations, 0.5 - _CLEARANCE)])
+        loops.append(stations.xy[_fewest_lines(stations, 0.5 - _CLEARANCE)])
     return loops
 
 
@@ -94,25 +94,50 @@ def _stations(loop: NDArray[np.float64], stays: NDArray[np.bool_]) -> _Stations:
     return _Stations(xy.reshape(-1, 2)[met], along[met], may_turn[met], is_gate[met], fixed[met])
 
 
-@kernel
-def _fewest_lines(
+def _fewest_lines(stations: _Stations, reach: float) -> NDArray[np.int64]:
+    """Stations at which to turn, to come from station 0 back to it in the fewest lines.
+
+    `reach` is the half width of a gate.
+    """
+    count = len(stations.xy)
+    lines = np.full(count + 1, count + 1, np.int64)
+    lines[0] = 0
+    came_from = np.zeros(count + 1, np.int64)
+    _find_lines(*stations, reach, lines, came_from)
+    turns = [int(came_from[count])]
+    while turns[-1] != 0:
+        turns.append(int(came_from[turns[-1]]))
+    return np.array(turns[::-1], np.int64)
+
+
+@kernel(
+    void(
+        reads(float64, 2),
+        reads(float64, 2),
+        reads(boolean, 1),
+        reads(boolean, 1),
+        reads(boolean, 1),
+        float64,
+        writes(int64, 1),
+        writes(int64, 1),
+    )
+)
+def _find_lines(
     xy: NDArray[np.float64],
     step: NDArray[np.float64],
     may_turn: NDArray[np.bool_],
     is_gate: NDArray[np.bool_],
     stays: NDArray[np.bool_],
     reach: float,
-) -> NDArray[np.int64]:
-    """Stations at which to turn, to come from station 0 back to it in the fewest lines.
+    lines: NDArray[np.int64],
+    came_from: NDArray[np.int64],
+) -> None:
+    """Fill the fewest lines to each station, and the station from which they come.
 
-    `reach` is the half width of a gate. The directions in which the gates so far can
-    be passed form a cone between `low` (past the invalid side) and `high` (past the
-    valid one).
+    The directions in which the gates so far can be passed form a cone between `low` (past
+    the invalid side) and `high` (past the valid one).
     """
     count = len(xy)
-    lines = np.full(count + 1, count + 1, np.int64)
-    came_from = np.zeros(count + 1, np.int64)
-    lines[0] = 0
     for here in range(count):
         if not may_turn[here]:
             continue
@@ -138,12 +163,6 @@ def _fewest_lines(
                 bounded = True
                 if low_x * high_y - low_y * high_x <= 0:
                     break
-    turns = np.empty(lines[count], np.int64)
-    k = count
-    for position in range(lines[count] - 1, -1, -1):
-        k = came_from[k]
-        turns[position] = k
-    return turns
 
 
 def frame(width: int, height: int) -> list[NDArray[np.float64]]:
@@ -151,7 +170,7 @@ def frame(width: int, height: int) -> list[NDArray[np.float64]]:
     return [np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float64)]
 
 
-def describe(kind: str, loops: Sequence[NDArray[np.float64]], **counts: int) -> DomainFacts:
+def describe_domain(kind: str, loops: Sequence[NDArray[np.float64]], **counts: int) -> DomainFacts:
     """Return what is known of the area inside `loops` before it is triangulated.
 
     `counts` are further fields of DomainFacts.
@@ -198,9 +217,9 @@ def subdivide(loop: NDArray[np.float64], spacing: float, inside: cKDTree) -> NDA
         corner = start.astype(np.intp)
         side = following[corner] - loop[corner]
         middle = loop[corner] + side * (start - corner + length / 2)[:, None]
-        extent = np.hypot(*side.T) * length
+        size = np.hypot(*side.T) * length
         near, _ = inside.query(middle)
-        split = start[extent > np.maximum(spacing, near)]
+        split = start[size > np.maximum(spacing, near)]
         length /= 2
         places.append(split + length)
         start = np.concatenate([split, split + length])

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.jit import boolean, int64, kernel, reads, writes
 from geomesh.parallel.tiles import Tile
 from geomesh.raster.grid import Window
 
@@ -135,7 +135,10 @@ def trace(parts: Sequence[Turns]) -> Outline:
     # Of two turns at one corner, the one whose side leads back ends its side there.
     along_row = np.lexsort((_GOES_RIGHT[kind], x, y))
     along_column = np.lexsort((_GOES_DOWN[kind], y, x))
-    visits, starts = _follow(_partners(along_row), _partners(along_column))
+    count = len(kind)
+    visits, starts = np.empty(count, np.int64), np.empty(count // 2 + 1, np.int64)
+    partners = _partners(along_row), _partners(along_column)
+    starts = starts[: _follow(*partners, np.zeros(count, np.bool_), visits, starts) + 1]
     loops = [visits[a:b] for a, b in pairwise(starts)]
     # Each loop begins along a row: turn it around if data are not where they should be.
     loops = [
@@ -157,29 +160,32 @@ def _partners(order: NDArray[np.intp]) -> NDArray[np.int64]:
     return partner
 
 
-@kernel
+@kernel(
+    int64(reads(int64, 1), reads(int64, 1), writes(boolean, 1), writes(int64, 1), writes(int64, 1))
+)
 def _follow(
-    along_row: NDArray[np.int64], along_column: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    count = len(along_row)
-    visits = np.empty(count, np.int64)
-    starts = np.empty(count // 2 + 1, np.int64)
-    seen = np.zeros(count, np.bool_)
+    along_row: NDArray[np.int64],
+    along_column: NDArray[np.int64],
+    seen: NDArray[np.bool_],
+    visits: NDArray[np.int64],
+    starts: NDArray[np.int64],
+) -> int:
+    """Fill the turns in the order of their loops and where each begins; return how many loops."""
     filled, loops = 0, 0
-    for first in range(count):
+    for first in range(len(along_row)):
         if seen[first]:
             continue
         starts[loops] = filled
         loops += 1
         here = first
         while not seen[here]:
-            for step in (here, along_row[here]):
-                visits[filled] = step
-                seen[step] = True
-                filled += 1
-            here = along_column[along_row[here]]
+            there = along_row[here]
+            visits[filled], visits[filled + 1] = here, there
+            seen[here] = seen[there] = True
+            filled += 2
+            here = along_column[there]
     starts[loops] = filled
-    return visits, starts[: loops + 1]
+    return loops
 
 
 def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, Dropped]:

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel, plain_bands
 from geomesh.arrays.types import Gray
 from geomesh.errors import BandError
 from geomesh.features.filters import fill_invalid
@@ -18,6 +17,9 @@ from geomesh.recipe import Recipe
 
 # ITU-R BT.601, the weights of OpenCV's RGB to gray conversion.
 LUMA = (0.299, 0.587, 0.114)
+
+# Rows that are made gray at a time: temporary arrays then stay in the processor's cache.
+_ROWS = 32
 
 
 def gray_weights(
@@ -101,40 +103,16 @@ def to_gray(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[Any]:
     if len(used) == 1 and weights[used[0]] == 1:
         only: NDArray[Any] = bands[used[0]]
         return only
-    return _weighted_sum(plain_bands(bands), weights)
+    return _weighted_sum(bands, weights)
 
 
-@kernel
 def _weighted_sum(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[np.float64]:
     # Not by BLAS, whose last bits depend on its number of threads.
-    count, height, width = bands.shape
-    total = np.zeros((height, width))
-    for row in range(height):
-        for band in range(count):
-            for col in range(width):
-                total[row, col] += weights[band] * np.float64(bands[band, row, col])
+    total = np.zeros(bands.shape[1:])
+    with np.errstate(invalid="ignore", over="ignore"):
+        for band, weight in zip(bands, weights, strict=True):
+            total += weight * band.astype(np.float64)
     return total
-
-
-@kernel
-def _stretched_sum(
-    bands: NDArray[Any], weights: NDArray[np.float64], black: float, white: float
-) -> Gray:
-    """`stretch_to_uint8` of `_weighted_sum`, in one walk."""
-    count, height, width = bands.shape
-    levels = np.zeros((height, width), np.uint8)
-    factor = 255 / (white - black) if white > black else 0.0
-    total = np.empty(width)
-    for row in range(height):
-        total[:] = 0.0
-        for band in range(count):
-            for col in range(width):
-                total[col] += weights[band] * np.float64(bands[band, row, col])
-        for col in range(width):
-            value = (total[col] - black) * factor
-            if value > 0:  # not so for what is not a number
-                levels[row, col] = np.uint8(np.rint(min(value, 255.0)))
-    return levels
 
 
 def stretch_to_uint8(values: NDArray[Any], black: float, white: float) -> Gray:
@@ -174,10 +152,19 @@ class Tone:
         if self.band_ranges is not None:
             bands = _stretch_bands(bands, self.band_ranges)
         if self.gray_range is not None:
-            gray = _stretched_sum(plain_bands(bands), weights, *self.gray_range)
+            gray = self._stretched(bands, weights, self.gray_range)
         else:
             gray = np.rint(to_gray(bands, weights)).astype(np.uint8)
         return fill_invalid(gray, valid)
+
+    def _stretched(
+        self, bands: NDArray[Any], weights: NDArray[np.float64], levels: tuple[float, float]
+    ) -> Gray:
+        gray = np.empty(bands.shape[1:], np.uint8)
+        for start in range(0, len(gray), _ROWS):
+            rows = slice(start, start + _ROWS)
+            gray[rows] = stretch_to_uint8(_weighted_sum(bands[:, rows], weights), *levels)
+        return gray
 
     def display(self, values: NDArray[Any]) -> NDArray[np.uint8]:
         """Return band values (B, ...) as 8-bit levels for display."""

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.jit import boolean, float64, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.table import read_only
-from geomesh.arrays.types import Gray
+from geomesh.arrays.types import Gray, Ids, Mask
 from geomesh.raster.grid import Window
 from geomesh.recipe import Recipe
 
@@ -162,38 +162,60 @@ def thin(keypoints: Keypoints, spacing: float) -> Keypoints:
     ranked = by_strength(keypoints)
     if spacing <= 0 or len(ranked) == 0:
         return ranked
-    return ranked.take(_thin(ranked.xy, spacing))
+    return ranked.take(_chosen(ranked.xy, spacing))
 
 
-@kernel
-def _thin(xy: NDArray[np.float64], spacing: float) -> NDArray[np.bool_]:
-    """Greedy choice in the order given; a hashed lattice of cells finds the neighbours."""
-    count = len(xy)
-    x0, y0 = xy[:, 0].min(), xy[:, 1].min()
-    columns = np.int64((xy[:, 0].max() - x0) / spacing) + 3
-    size = 1
-    while size < 2 * count:
-        size *= 2
-    head = np.full(size, -1, np.int64)
-    link = np.full(count, -1, np.int64)
-    keep = np.zeros(count, np.bool_)
-    for i in range(count):
-        col = np.int64((xy[i, 0] - x0) / spacing) + 1
-        row = np.int64((xy[i, 1] - y0) / spacing) + 1
+def _chosen(xy: NDArray[np.float64], spacing: float) -> Mask:
+    """Tell which points are kept if each, in the order given, keeps closer ones out.
+
+    A hashed lattice of square cells finds the neighbours.
+    """
+    cells = ((xy - xy.min(axis=0)) / spacing).astype(np.int64) + 1
+    columns = int(cells[:, 0].max()) + 2
+    slots = 1 << max(2 * len(xy) - 1, 1).bit_length()
+    head, link = np.full(slots, -1, np.int32), np.full(len(xy), -1, np.int32)
+    keep = np.zeros(len(xy), np.bool_)
+    numbers = np.ascontiguousarray(cells[:, 1] * columns + cells[:, 0])
+    _thin(np.ascontiguousarray(xy), numbers, columns, spacing * spacing, head, link, keep)
+    return keep
+
+
+@kernel(
+    void(
+        reads(float64, 2),
+        reads(int64, 1),
+        int64,
+        float64,
+        writes(int32, 1),
+        writes(int32, 1),
+        writes(boolean, 1),
+    )
+)
+def _thin(
+    xy: NDArray[np.float64],
+    numbers: NDArray[np.int64],
+    columns: int,
+    least: float,
+    head: Ids,
+    link: Ids,
+    keep: Mask,
+) -> None:
+    """Set `keep`; `head` and `link` list the points kept so far by the slot of their cell."""
+    last = len(head) - 1
+    for i in range(len(xy)):
         free = True
-        for r in range(row - 1, row + 2):
-            for c in range(col - 1, col + 2):
-                j = head[((r * columns + c) * 0x9E3779B1) & (size - 1)]
-                while j >= 0 and free:
-                    dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
-                    free = dx * dx + dy * dy >= spacing * spacing
-                    j = link[j]
+        for cell in range(9):
+            number = numbers[i] + (cell // 3 - 1) * columns + cell % 3 - 1
+            j = head[(number * 0x9E3779B1) & last]
+            while j >= 0 and free:
+                dx, dy = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+                free = dx * dx + dy * dy >= least
+                j = link[j]
         if free:
             keep[i] = True
-            slot = ((row * columns + col) * 0x9E3779B1) & (size - 1)
+            slot = (numbers[i] * 0x9E3779B1) & last
             link[i] = head[slot]
             head[slot] = i
-    return keep
 
 
 def spread_evenly(ranked: Keypoints, budget: int, area: float) -> NDArray[np.intp]:

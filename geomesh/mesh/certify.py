@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
+from geomesh.arrays.jit import float64, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.table import blocks
 from geomesh.mesh.certificate import Certificate, Check, DomainFacts
 from geomesh.mesh.provenance import PixelCounts
@@ -178,7 +178,9 @@ def _check_delaunay(
     constrained = np.count_nonzero(inner) - np.count_nonzero(free)
     # An edge used twice in one direction has no far side; the manifold check tells of it.
     free &= (edges.left != FILL) & (edges.right != FILL)
-    violations, ties = _test_circles(points, triangles, *edges[:3], free)
+    counts = np.zeros(2, np.int64)
+    _test_circles(points, triangles, *edges[:3], np.flatnonzero(free), counts)
+    violations, ties = counts.tolist()
     return Check(
         "empty circumcircles (Delaunay; constrained where constraints are)",
         violations == 0,
@@ -187,24 +189,33 @@ def _check_delaunay(
     )
 
 
-@kernel
+@kernel(
+    void(
+        reads(float64, 2),
+        reads(int32, 2),
+        reads(int32, 2),
+        reads(int32, 1),
+        reads(int32, 1),
+        reads(int64, 1),
+        writes(int64, 1),
+    )
+)
 def _test_circles(
     points: NDArray[np.float64],
     triangles: NDArray[np.int32],
     ends: NDArray[np.int32],
     left: NDArray[np.int32],
     right: NDArray[np.int32],
-    free: NDArray[np.bool_],
-) -> tuple[int, int]:
+    free: NDArray[np.int64],
+    counts: NDArray[np.int64],
+) -> None:
     """Count violations and ties of apexes of right triangles with circles of left ones.
 
     The in-circle determinant, of the left triangle's corners seen from the apex, is
     positive inside once it has the sign of that triangle's area.
     """
-    violations, ties = 0, 0
-    for edge in range(len(ends)):
-        if not free[edge]:
-            continue
+    for i in range(len(free)):
+        edge = free[i]
         one, other = left[edge], right[edge]
         a, b, c = triangles[one, 0], triangles[one, 1], triangles[one, 2]
         apex = triangles[other, 0] + triangles[other, 1] + triangles[other, 2]
@@ -215,14 +226,12 @@ def _test_circles(
         lift_a, lift_b, lift_c = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
         value = lift_a * (bx * cy - by * cx) + lift_b * (cx * ay - cy * ax)
         value += lift_c * (ax * by - ay * bx)
-        magnitude = lift_a * (abs(bx * cy) + abs(by * cx)) + lift_b * (abs(cx * ay) + abs(cy * ax))
-        magnitude += lift_c * (abs(ax * by) + abs(ay * bx))
-        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
-        value *= np.sign(abx * acy - aby * acx)
-        violations += value > _INCIRCLE_ERROR * magnitude
-        ties += abs(value) <= _INCIRCLE_ERROR * magnitude
-    return violations, ties
+        size = lift_a * (abs(bx * cy) + abs(by * cx)) + lift_b * (abs(cx * ay) + abs(cy * ax))
+        size += lift_c * (abs(ax * by) + abs(ay * bx))
+        if (bx - ax) * (cy - ay) < (by - ay) * (cx - ax):
+            value = -value
+        counts[0] += value > _INCIRCLE_ERROR * size
+        counts[1] += abs(value) <= _INCIRCLE_ERROR * size
 
 
 def _check_pixels(pixels: PixelCounts | None, domain: DomainFacts) -> Check:
@@ -268,23 +277,15 @@ def _angles(
     """Sum of the angles around each node, and the least of all (NaN of none), in radians."""
     sums, least = np.zeros(len(points)), math.inf if len(triangles) else math.nan
     for block in blocks(len(triangles)):
-        angles = np.arctan2(*_products(points, triangles[block]))
+        angles = np.arctan2(*_products(points[triangles[block]]))
         np.add.at(sums, triangles[block].ravel(), angles.ravel())
         least = np.minimum(least, angles.min())
     return sums, least
 
 
-@kernel
-def _products(
-    points: NDArray[np.float64], triangles: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size of the cross product, and dot product, of the sides at each corner, (T, 3) both."""
-    cross, dot = np.empty(triangles.shape), np.empty(triangles.shape)
-    for t in range(len(triangles)):
-        for k in range(3):
-            here = points[triangles[t, k]]
-            u = points[triangles[t, (k + 1) % 3]]
-            v = points[triangles[t, (k + 2) % 3]]
-            ux, uy, vx, vy = u[0] - here[0], u[1] - here[1], v[0] - here[0], v[1] - here[1]
-            cross[t, k], dot[t, k] = abs(ux * vy - uy * vx), ux * vx + uy * vy
-    return cross, dot
+def _products(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Size of the cross product, and dot product, of the sides at each of the corners (T, 3, 2)."""
+    u = corners[:, [1, 2, 0]] - corners
+    v = corners[:, [2, 0, 1]] - corners
+    cross = np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+    return cross, u[..., 0] * v[..., 0] + u[..., 1] * v[..., 1]

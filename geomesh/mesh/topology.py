@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.types import Triangles
+from geomesh.arrays.order import stable_order
+from geomesh.arrays.types import Ids, Triangles
 
 FILL = -1
 
@@ -50,69 +50,36 @@ def build_edges(triangles: Triangles) -> Edges:
     """
     if triangles.min(initial=0) < 0:
         raise ValueError(f"node {triangles.min()} in a triangle: ids begin with 0")
-    edges = Edges(*_unite(*_half_edges_in_order(triangles, int(triangles.max(initial=-1)) + 1)))
+    low, high, triangle, corner = _half_edges_in_order(triangles)
+    first = np.ones(len(low), np.bool_)
+    first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
+    edge = np.cumsum(first, dtype=np.int32) - np.int32(1)
+    starts = np.flatnonzero(first)
+    left, right = np.full((2, len(starts)), FILL, np.int32)
+    upward = triangles[triangle, corner] == low
+    left[edge[upward]] = triangle[upward]
+    right[edge[~upward]] = triangle[~upward]
+    uses = np.diff(starts, append=len(low)).astype(np.int32)
+    edges = Edges(np.column_stack([low[first], high[first]]), left, right, uses)
     for array in edges:
         array.flags.writeable = False
     return edges
 
 
-@kernel
-def _half_edges_in_order(
-    triangles: Triangles, count: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return lower node, higher node and owner of each half-edge, in order of the two nodes.
+def _half_edges_in_order(triangles: Triangles) -> tuple[Ids, Ids, Ids, Ids]:
+    """Return lower node, higher node, triangle and first corner of each half-edge, (3 T,) all.
 
-    The owner is the triangle t, or ~t if it runs from the higher node to the lower.
-    Two stable counting sorts of the half-edges of fewer than `count` nodes; they
-    come as all 0-1, then 1-2, then 2-0.
+    In order of the two nodes; those of one edge come as all 0-1, then 1-2, then 2-0.
     """
-    low_stops, high_stops = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
-    for t in range(len(triangles)):
-        for corner in range(3):
-            a, b = triangles[t, corner], triangles[t, (corner + 1) % 3]
-            low_stops[min(a, b) + 1] += 1
-            high_stops[max(a, b) + 1] += 1
-    low_stops, high_stops = np.cumsum(low_stops), np.cumsum(high_stops)
-    size = 3 * len(triangles)
-    by_high = np.empty((3, size), np.int32)
-    for corner in range(3):
-        for t in range(len(triangles)):
-            a, b = triangles[t, corner], triangles[t, (corner + 1) % 3]
-            place = high_stops[max(a, b)]
-            high_stops[max(a, b)] += 1
-            by_high[0, place], by_high[1, place] = min(a, b), max(a, b)
-            by_high[2, place] = t if a < b else ~t
-    low, high, owner = np.empty(size, np.int32), np.empty(size, np.int32), np.empty(size, np.int32)
-    for k in range(size):
-        place = low_stops[by_high[0, k]]
-        low_stops[by_high[0, k]] += 1
-        low[place], high[place], owner[place] = by_high[0, k], by_high[1, k], by_high[2, k]
-    return low, high, owner
-
-
-@kernel
-def _unite(
-    low: NDArray[np.int32], high: NDArray[np.int32], owner: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return nodes, left, right and uses of the edges; of several owners the last one stays."""
-    count = 0
-    for k in range(len(low)):
-        if k == 0 or low[k] != low[k - 1] or high[k] != high[k - 1]:
-            count += 1
-    nodes, uses = np.empty((count, 2), np.int32), np.zeros(count, np.int32)
-    left, right = np.empty(count, np.int32), np.empty(count, np.int32)
-    edge = -1
-    for k in range(len(low)):
-        if k == 0 or low[k] != low[k - 1] or high[k] != high[k - 1]:
-            edge += 1
-            nodes[edge, 0], nodes[edge, 1] = low[k], high[k]
-            left[edge] = right[edge] = FILL
-        uses[edge] += 1
-        if owner[k] >= 0:
-            left[edge] = owner[k]
-        else:
-            right[edge] = ~owner[k]
-    return nodes, left, right, uses
+    count = int(triangles.max(initial=-1)) + 1
+    one = triangles.T.ravel()
+    other = triangles[:, [1, 2, 0]].T.ravel()
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    del one, other
+    by_high = stable_order(high, count)
+    order = by_high[stable_order(low[by_high], count)]
+    corner, triangle = np.divmod(order, np.int32(max(len(triangles), 1)))
+    return low[order], high[order], triangle, corner
 
 
 def edge_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
@@ -124,46 +91,31 @@ def edge_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
 
 def find_edges(edges: Edges, pairs: NDArray[np.integer]) -> NDArray[np.intp]:
     """Return the edge of each node pair (K, 2), in either direction, or `FILL` if there is none."""
-    return _search(edges.nodes, np.asarray(pairs, np.int32))
-
-
-@kernel
-def _search(nodes: NDArray[np.int32], pairs: NDArray[np.int32]) -> NDArray[np.intp]:
-    """Rows of `nodes`, each with the lower id first and all in order, that are the pairs."""
-    found = np.empty(len(pairs), np.intp)
-    for k in range(len(pairs)):
-        low, high = min(pairs[k, 0], pairs[k, 1]), max(pairs[k, 0], pairs[k, 1])
-        first, stop = 0, len(nodes)
-        while first < stop:
-            middle = (first + stop) // 2
-            if nodes[middle, 0] < low or (nodes[middle, 0] == low and nodes[middle, 1] < high):
-                first = middle + 1
-            else:
-                stop = middle
-        known = first < len(nodes) and nodes[first, 0] == low and nodes[first, 1] == high
-        found[k] = first if known else FILL
-    return found
+    known, wanted = edge_keys(edges.nodes), edge_keys(np.asarray(pairs).reshape(-1, 2))
+    if not len(known):
+        return np.full(len(wanted), FILL, np.intp)
+    place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    return np.where(known[place] == wanted, place, FILL)
 
 
 def neighbours(triangles: Triangles) -> NDArray[np.int32]:
-    """Return, for each triangle, the triangle across the edge opposite to each corner.
+    """Return, for each triangle, the triangle across the side opposite to each corner.
 
     Returns
     -------
     int32 (T, 3)
-        Column k is the neighbour that shares the edge opposite to node k, or `FILL`.
+        Column k is the neighbour across the side between the other two corners, or `FILL`:
+        the convention of the whole package, and of `scipy.spatial.Delaunay`.
     """
-    count = len(triangles)
-    result = np.full((3, count), FILL, np.int32)
-    # The half-edges: first all 0-1, then 1-2, then 2-0.
-    keys = edge_keys(np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]))
-    order = np.argsort(keys, kind="stable")
-    paired = np.flatnonzero(keys[order][1:] == keys[order][:-1])
-    one, other = order[paired], order[paired + 1]
-    opposite = np.array([2, 0, 1])  # half-edge 0-1 lies opposite to corner 2, and so on
-    result[opposite[one // count], one % count] = other % count
-    result[opposite[other // count], other % count] = one % count
-    return np.ascontiguousarray(result.T)
+    low, high, triangle, corner = _half_edges_in_order(triangles)
+    result = np.full((len(triangles), 3), FILL, np.int32)
+    paired = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))
+    # The side from corner k to corner k + 1 lies opposite to corner k + 2.
+    opposite = (corner + np.int32(2)) % np.int32(3)
+    one, other = paired, paired + 1
+    result[triangle[one], opposite[one]] = triangle[other]
+    result[triangle[other], opposite[other]] = triangle[one]
+    return result
 
 
 def boundary_edges(triangles: Triangles) -> NDArray[np.int32]:

@@ -15,7 +15,7 @@ import rasterio
 from numpy.typing import NDArray
 
 from geomesh._version import __version__
-from geomesh.arrays.jit import load_compiler
+from geomesh.arrays.jit import prepare_kernels
 from geomesh.arrays.table import Table
 from geomesh.arrays.types import Triangles
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
@@ -72,7 +72,7 @@ def mesh_scene(
     _require_reach(scene, workers)
     notes = (*scene.notes, *_notes_on_memory(scene, recipe))
     _warn(notes)
-    workers.local.submit(load_compiler)
+    prepare_kernels(lambda: progress(0.0, "Compiling, once"))
     with scene.open():
         tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)

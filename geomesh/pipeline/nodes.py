@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from geomesh.arrays.table import Table
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
-from geomesh.domain import loops as domains
+from geomesh.domain.loops import describe_domain, frame, loop_area, simplify, subdivide
 from geomesh.domain.outline import drop_small_loops, trace
 from geomesh.features.detect import SEAM, Detection
 from geomesh.features.sift import Keypoints, spread_evenly, thin
@@ -84,8 +84,8 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     # Cut in the middle: half the time of a balanced tree, and the same distances.
     inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
     spacing = recipe.border_spacing or _median_spacing(inner)
-    border = [_lattice_loop(domains.subdivide(loop, spacing, inner), recipe) for loop in loops]
-    facts = replace(facts, area=sum(map(domains.loop_area, border)))
+    border = [_lattice_loop(subdivide(loop, spacing, inner), recipe) for loop in loops]
+    facts = replace(facts, area=sum(map(loop_area, border)))
     taken = _distinct(border)
     if facts.kind == recipe.domain:
         notes += _notes_on_number(len(features), taken, recipe, facts)
@@ -156,8 +156,8 @@ def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, Do
         return _frame(grid, valid_pixels)
     outline = trace(detection.survey.turns)
     outline, dropped = drop_small_loops(outline, recipe.min_hole)
-    loops = domains.simplify(outline, grid.extent)
-    return loops, domains.describe(
+    loops = simplify(outline, grid.extent)
+    return loops, describe_domain(
         "valid",
         loops,
         valid_pixels=valid_pixels,
@@ -189,9 +189,9 @@ def _around(loops: Loops) -> NDArray[np.intp]:
 
 
 def _frame(grid: Grid, valid_pixels: int) -> tuple[Loops, DomainFacts]:
-    loops = domains.frame(grid.width, grid.height)
+    loops = frame(grid.width, grid.height)
     pixels = grid.width * grid.height
-    return loops, domains.describe("image", loops, valid_pixels=valid_pixels, pixels=pixels)
+    return loops, describe_domain("image", loops, valid_pixels=valid_pixels, pixels=pixels)
 
 
 def _median_spacing(points: cKDTree) -> float:

@@ -7,22 +7,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
 from geomesh.arrays.table import blocks
-from geomesh.arrays.types import Points
+from geomesh.arrays.types import Floats, Points
 
 
-@kernel
-def signed_areas(
-    points: NDArray[np.float64], triangles: NDArray[np.integer]
-) -> NDArray[np.float64]:
+def signed_areas(points: Points, triangles: NDArray[np.integer]) -> Floats:
     """Signed planar areas of triangles (T, 3) of points (N, 2); positive if counter-clockwise."""
     areas = np.empty(len(triangles))
-    for t in range(len(triangles)):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        abx, aby = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-        acx, acy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
-        areas[t] = 0.5 * (abx * acy - aby * acx)
+    for block in blocks(len(triangles)):
+        (ax, ay), (bx, by), (cx, cy) = np.moveaxis(points[triangles[block]], 0, -1)
+        areas[block] = 0.5 * ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
     return areas
 
 

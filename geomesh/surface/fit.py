@@ -17,7 +17,8 @@ from geomesh.raster.grid import Window
 from geomesh.raster.scene import Scene
 from geomesh.surface.least_squares import NormalEquations, complete, normal_equations, solve
 from geomesh.surface.paint import Fit, Model, check, reconstruct
-from geomesh.zonal.statistics import TileMesh, measure_scene, sample, split_by_tiles
+from geomesh.zonal.statistics import measure_scene, sample
+from geomesh.zonal.tile_mesh import TileMesh, split_by_tiles
 
 Result = TypeVar("Result")
 
@@ -45,10 +46,10 @@ class Surface:
         """Return the picture (B, h, w) in a window: see `geomesh.surface.paint.reconstruct`."""
         return reconstruct(self.nodes, self.triangles, self.values, window, self.model)
 
-    def cut(self, share: TileMesh) -> Surface:
+    def cut(self, part: TileMesh) -> Surface:
         """Return the part of it in a tile."""
-        ids = share.node_ids if self.model == "linear" else share.triangle_ids
-        return Surface(share.nodes, share.triangles, self.values[ids], self.model)
+        ids = part.node_ids if self.model == "linear" else part.triangle_ids
+        return Surface(part.nodes, part.triangles, self.values[ids], self.model)
 
 
 SurfaceTile = tuple[Scene, Tile, Surface]
@@ -104,9 +105,9 @@ def _corrected(surface: Surface, scene: Scene, workers: Workers, progress: Progr
     gram = np.zeros((len(surface.triangles), 6))
     moments = np.zeros(surface.values.shape)
     work = walk(_project_tile, surface, scene, workers, part_of(progress, 0, 0.9), "Fitting nodes")
-    for share, part in work:
-        gram[share.triangle_ids] += part.gram
-        moments[share.node_ids] += part.moments
+    for part, found in work:
+        gram[part.triangle_ids] += found.gram
+        moments[part.node_ids] += found.moments
     progress(0.9, "Fitting nodes: solving")
     corrections = solve(surface.triangles, NormalEquations(gram, moments))
     return replace(surface, values=surface.values + corrections)
@@ -124,9 +125,9 @@ def _sampled(surface: Surface, scene: Scene, workers: Workers, progress: Progres
     """Return the surface with the pixel at each triangle's centroid, where that is valid."""
     values = surface.values.copy()
     work = walk(_sample_tile, surface, scene, workers, progress, "Sampling centroids")
-    for share, part in work:
-        known = ~np.isnan(part).any(axis=1)
-        values[share.triangle_ids[known]] = part[known]
+    for part, found in work:
+        known = ~np.isnan(found).any(axis=1)
+        values[part.triangle_ids[known]] = found[known]
     return replace(surface, values=values)
 
 
@@ -145,15 +146,15 @@ def walk(
     progress: Progress,
     message: str,
 ) -> Iterator[tuple[TileMesh, Result]]:
-    """Yield the share of each tile in a mesh and what `function` gives there, in their order.
+    """Yield the part of the mesh in each tile and what `function` gives there, in their order.
 
     It gets the scene, a tile without halo, and the part of the surface there.
     """
     tiles = plan_tiles(scene.grid.extent, halo=0)
-    shares, kept = tee(split_by_tiles(surface.nodes, surface.triangles, tiles))
+    parts, kept = tee(split_by_tiles(surface.nodes, surface.triangles, tiles))
     tasks = (
-        (scene.excerpt(tile.core), tile, surface.cut(share))
-        for tile, share in zip(tiles, shares, strict=True)
+        (scene.excerpt(tile.core), tile, surface.cut(part))
+        for tile, part in zip(tiles, parts, strict=True)
     )
     results = map_tiles(function, tasks, len(tiles), workers, progress=progress, message=message)
     return zip(kept, results, strict=True)

@@ -1,27 +1,25 @@
-"""The compiled loops of `geomesh.render`: a mesh's surface at pixel centres, and its fit there."""
+"""The compiled loops of `geomesh.surface`: a surface at pixel centres, and its fit there."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.types import Floats, Points, Triangles
+from geomesh.arrays.jit import boolean, float64, inner, int32, int64, kernel, reads, void, writes
+from geomesh.arrays.types import Floats, Mask, Points, Triangles
 from geomesh.zonal.rasterize import column_range, row_range, sort_corners
 
 Weights = tuple[float, float, float, float, float, float]
 
 
-@kernel
+@inner
 def barycentric_matrix(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Weights:
-    """Return what `shares` needs of a triangle: its first corner, and a matrix."""
+    """Return what `barycentric` needs of a triangle: its first corner, and a matrix."""
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return ax, ay, (cy - ay) / area, (ax - cx) / area, (ay - by) / area, (bx - ax) / area
 
 
-@kernel
+@inner
 def barycentric(weights: Weights, row: int, col: int) -> tuple[float, float]:
     """Return the barycentric coordinates of a pixel's centre at the second and third corner."""
     ax, ay, bx, by, cx, cy = weights
@@ -29,14 +27,16 @@ def barycentric(weights: Weights, row: int, col: int) -> tuple[float, float]:
     return x * bx + y * by, x * cx + y * cy
 
 
-@kernel
+@kernel(
+    void(reads(float64, 2), reads(int32, 2), reads(float64, 2), int64, int64, writes(float64, 3))
+)
 def paint_linear(
     nodes: Points, triangles: Triangles, values: Floats, row: int, col: int, image: Floats
 ) -> None:
     """Fill `image` (B, h, w), which begins at pixel (row, col), from `values` (N, B)."""
     count, height, width = image.shape
     for t in range(len(triangles)):
-        a, b, c = triangles[t]
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
         corners, weights = sort_corners(*one), barycentric_matrix(*one)
         top, bottom = row_range(corners, row, row + height)
@@ -51,13 +51,25 @@ def paint_linear(
                     )
 
 
-@kernel
+@kernel(
+    void(
+        reads(float64, 2),
+        reads(int32, 2),
+        reads(float64, 2),
+        reads(float64, 3),
+        reads(boolean, 2),
+        int64,
+        int64,
+        writes(float64, 2),
+        writes(float64, 2),
+    )
+)
 def project(
     nodes: Points,
     triangles: Triangles,
     values: Floats,
-    bands: NDArray[Any],
-    valid: NDArray[np.bool_],
+    bands: NDArray[np.float64],
+    valid: Mask,
     row: int,
     col: int,
     gram: Floats,
@@ -71,7 +83,7 @@ def project(
     """
     height, width = valid.shape
     for t in range(len(triangles)):
-        a, b, c = triangles[t]
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
         corners, weights = sort_corners(*one), barycentric_matrix(*one)
         top, bottom = row_range(corners, row, row + height)
@@ -91,7 +103,7 @@ def project(
                 for band in range(len(bands)):
                     start = values[a, band]
                     surface = start + u * (values[b, band] - start) + v * (values[c, band] - start)
-                    above = np.float64(bands[band, r - row, k - col]) - surface
+                    above = bands[band, r - row, k - col] - surface
                     moments[a, band] += w * above
                     moments[b, band] += u * above
                     moments[c, band] += v * above

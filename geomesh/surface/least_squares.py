@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import plain_bands
+from geomesh.arrays.jit import as_float64
 from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.raster.grid import Window
 from geomesh.surface.kernels import project
@@ -68,9 +68,11 @@ def normal_equations(
     window : Window
     """
     gram, moments = np.zeros((len(triangles), 6)), np.zeros(values.shape)
-    bands, valid = plain_bands(bands), np.ascontiguousarray(valid, dtype=np.bool_)
+    valid = np.ascontiguousarray(valid, dtype=np.bool_)
     start = np.ascontiguousarray(values, dtype=np.float64)
-    project(nodes, triangles, start, bands, valid, window.row, window.col, gram, moments)
+    project(
+        nodes, triangles, start, as_float64(bands), valid, window.row, window.col, gram, moments
+    )
     return NormalEquations(gram, moments)
 
 

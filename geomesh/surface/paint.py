@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.raster.grid import Window
 from geomesh.surface.kernels import paint_linear
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 
 Model = Literal["linear", "constant"]
 Fit = Literal["least_squares", "sampled"]

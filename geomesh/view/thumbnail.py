@@ -10,7 +10,7 @@ from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.mesh.topology import FILL
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.raster.grid import Window
-from geomesh.zonal.rasterize import find_owners
+from geomesh.zonal.owners import find_owners
 
 # Longest and shortest side of a thumbnail, in pixels.
 _SIDES = (256, 8)

@@ -35,18 +35,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from geomesh.arrays.jit import kernel
-from geomesh.arrays.types import Points, Triangles
-from geomesh.mesh.topology import FILL
-from geomesh.raster.grid import Window
+from geomesh.arrays.jit import inner
 
 Corners = tuple[float, float, float, float, float, float]
 
 
-@kernel
+@inner
 def sort_corners(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Corners:
     """Return a triangle's corners by rising y, as (x0, y0, x1, y1, x2, y2).
 
@@ -61,7 +55,7 @@ def sort_corners(ax: float, ay: float, bx: float, by: float, cx: float, cy: floa
     return ax, ay, bx, by, cx, cy
 
 
-@kernel
+@inner
 def row_range(corners: Corners, start: int, stop: int) -> tuple[int, int]:
     """Return the rows that a triangle's pixels lie in, clipped to [start, stop).
 
@@ -71,7 +65,7 @@ def row_range(corners: Corners, start: int, stop: int) -> tuple[int, int]:
     return max(first, start), min(last, stop)
 
 
-@kernel
+@inner
 def column_range(corners: Corners, row: int, start: int, stop: int) -> tuple[int, int]:
     """Return the columns that a triangle owns in `row`, clipped to [start, stop).
 
@@ -87,42 +81,3 @@ def column_range(corners: Corners, row: int, start: int, stop: int) -> tuple[int
         other = x1 + (y - y1) * (x2 - x1) / (y2 - y1)
     first, last = math.ceil(min(one, other) - 0.5), math.ceil(max(one, other) - 0.5)
     return max(first, start), min(last, stop)
-
-
-def find_owners(nodes: Points, triangles: Triangles, window: Window) -> NDArray[np.int32]:
-    """Return the triangle that owns each pixel of a window.
-
-    Parameters
-    ----------
-    nodes : float64 (N, 2)
-        Pixel-edge coordinates.
-    triangles : int32 (T, 3)
-        Of either orientation.
-    window : Window
-
-    Returns
-    -------
-    int32 (height, width)
-        Triangle ids; `FILL` where no triangle owns the pixel. Where triangles
-        overlap, the last one.
-    """
-    owners = np.full(window.shape, FILL, np.int32)
-    _fill_owners(nodes, triangles, window.row, window.col, owners)
-    return owners
-
-
-@kernel
-def _fill_owners(
-    nodes: Points, triangles: Triangles, row: int, col: int, owners: NDArray[np.int32]
-) -> None:
-    height, width = owners.shape
-    for t in range(len(triangles)):
-        a, b, c = triangles[t]
-        corners = sort_corners(
-            nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
-        )
-        top, bottom = row_range(corners, row, row + height)
-        for r in range(top, bottom):
-            first, last = column_range(corners, r, col, col + width)
-            for k in range(first, last):
-                owners[r - row, k - col] = t

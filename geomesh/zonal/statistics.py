@@ -7,23 +7,22 @@ the outcome is the same to the last bit whichever process measured which tile.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import plain_bands
 from geomesh.arrays.table import read_only
-from geomesh.arrays.types import Counts, Floats, Ids, Points, Triangles
+from geomesh.arrays.types import Counts, Floats, Ids, Mask, Points, Triangles
 from geomesh.parallel.progress import Progress
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
 from geomesh.parallel.workers import Workers
 from geomesh.raster.grid import Window
 from geomesh.raster.scene import Scene
-from geomesh.zonal.kernels import add, bin_triangles, blend, near_box, scan_triangles
+from geomesh.zonal.kernels import collect_pixels, find_moments
+from geomesh.zonal.tile_mesh import TileMesh, split_by_tiles, triangles_in_box
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,60 +59,6 @@ class TilePartial:
 
 
 @dataclass(frozen=True, eq=False)
-class TileMesh:
-    """The part of a mesh that meets the core of a tile.
-
-    Parameters
-    ----------
-    nodes : float64 (n, 2)
-    triangles : int32 (K, 3)
-        Indices into `nodes`.
-    node_ids : int32 (n,)
-    triangle_ids : int32 (K,)
-        What they are called in the mesh.
-    """
-
-    nodes: Points
-    triangles: Triangles
-    node_ids: Ids
-    triangle_ids: Ids
-
-    def measure(
-        self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window, core: Window
-    ) -> TilePartial:
-        """Return what the tile adds to the statistics of the mesh: see `measure_tile`."""
-        part = measure_tile(self.nodes, self.triangles, bands, valid, window, core)
-        return replace(
-            part,
-            index=self.triangle_ids[part.index],
-            centroid_index=self.triangle_ids[part.centroid_index],
-            node_index=self.node_ids[part.node_index],
-        )
-
-
-def split_by_tiles(
-    nodes: Points, triangles: Triangles, tiles: Sequence[Tile]
-) -> Iterator[TileMesh]:
-    """Yield the share of each tile, in their order, made one at a time.
-
-    Parameters
-    ----------
-    nodes : float64 (N, 2)
-        Pixel-edge coordinates.
-    triangles : int32 (T, 3)
-    tiles : sequence of Tile
-        A whole plan: row by row, as `geomesh.parallel.tiles.plan_tiles` has it.
-    """
-    cols = np.unique([tile.core.col for tile in tiles]).astype(np.float64)
-    rows = np.unique([tile.core.row for tile in tiles]).astype(np.float64)
-    starts, met = bin_triangles(nodes, triangles, cols, rows)
-    for start, stop in pairwise(starts):
-        ids = met[start:stop]
-        node_ids, local = np.unique(triangles[ids], return_inverse=True)
-        yield TileMesh(nodes[node_ids], local.reshape(-1, 3).astype(np.int32), node_ids, ids)
-
-
-@dataclass(frozen=True, eq=False)
 class Statistics:
     """Band statistics of a mesh; read-only.
 
@@ -147,10 +92,10 @@ def measure_scene(
 ) -> Statistics:
     """Return what a scene holds in each triangle and at each node of a mesh of it."""
     tiles = plan_tiles(scene.grid.extent, halo=1)
-    shares = zip(tiles, split_by_tiles(nodes, triangles, tiles), strict=True)
+    parts = zip(tiles, split_by_tiles(nodes, triangles, tiles), strict=True)
     partials = map_tiles(
         _read_and_measure,
-        ((scene.excerpt(tile.read), tile, share) for tile, share in shares),
+        ((scene.excerpt(tile.read), tile, part) for tile, part in parts),
         len(tiles),
         workers,
         progress=progress,
@@ -160,9 +105,15 @@ def measure_scene(
 
 
 def _read_and_measure(task: tuple[Scene, Tile, TileMesh]) -> TilePartial:
-    scene, tile, share = task
+    scene, tile, part = task
     bands, valid = scene.read(tile.read)
-    return share.measure(bands, valid, tile.read, tile.core)
+    found = measure_tile(part.nodes, part.triangles, bands, valid, tile.read, tile.core)
+    return replace(
+        found,
+        index=part.triangle_ids[found.index],
+        centroid_index=part.triangle_ids[found.centroid_index],
+        node_index=part.node_ids[found.node_index],
+    )
 
 
 def measure_tile(
@@ -200,25 +151,29 @@ def measure_tile(
         raise ValueError(f"bands {bands.shape} and valid {valid.shape} do not cover {window}")
     if window.clip(core) != core:
         raise ValueError(f"the core {core} is not inside {window}")
-    bands, valid = plain_bands(bands), np.ascontiguousarray(valid, dtype=np.bool_)
-    near = near_box(nodes, triangles, (core.col, core.stop_col, core.row, core.stop_row))
-    pixels, count = np.zeros((2, len(near)), np.int64)
-    moments = np.zeros((4, len(bands), len(near)))
-    origin = (window.row, window.col)
-    box = (core.row, core.stop_row, core.col, core.stop_col)
-    flat = bands.reshape(len(bands), -1)
-    scan_triangles(nodes, triangles, near, flat, valid, origin, box, pixels, count, moments)
+    valid = np.ascontiguousarray(valid, dtype=np.bool_)
+    near = triangles_in_box(nodes, triangles, (core.col, core.stop_col, core.row, core.stop_row))
+    pixels, stops = np.zeros((2, len(near)), np.int64)
+    members = np.empty(core.width * core.height + 1, np.int32)
+    origin = np.array([window.row, window.col])
+    box = np.array([core.row, core.stop_row, core.col, core.stop_col])
+    collect_pixels(nodes, triangles[near], valid, origin, box, pixels, stops, members)
+    count = np.diff(stops, prepend=0)
+    moments = np.zeros((len(bands), 4, len(near)))
+    values = np.empty(valid.size)
+    for band, found in zip(bands, moments, strict=True):
+        values.reshape(valid.shape)[:] = band
+        find_moments(values, members, stops, found)
     without = near[count == 0]
     centroids = nodes[triangles[without]].mean(axis=1)
     held = _inside(centroids, window, core)
     mine = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
-    node_values = np.empty((len(bands), len(mine)))
-    blend(nodes[mine], bands, valid, origin, node_values)
+    node_values = _blend(nodes[mine], bands, valid, window)
     return TilePartial(
         index=near,
         pixels=pixels,
         count=count,
-        moments=moments,
+        moments=moments.swapaxes(0, 1),
         centroid_index=without[held],
         centroid_values=sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
         node_index=mine,
@@ -240,7 +195,7 @@ def merge(
     centroid = np.full((n_bands, n_triangles), np.nan)
     node_values = np.full((n_bands, n_nodes), np.nan)
     for part in partials:
-        add(part.index, part.pixels, part.count, part.moments, pixels, count, moments)
+        _add(part, pixels, count, moments)
         centroid[:, part.centroid_index] = part.centroid_values
         node_values[:, part.node_index] = part.node_values
     mean, m2, low, high = moments
@@ -250,6 +205,48 @@ def merge(
         result[:, none] = centroid[:, none]
     std[:, none] = np.where(np.isnan(centroid[:, none]), np.nan, 0.0)
     return Statistics(pixels, count, mean, std, low, high, node_values)
+
+
+def _add(part: TilePartial, pixels: Counts, count: Counts, moments: Floats) -> None:
+    """Add what one tile found to the whole: (T,), (T,) and (4, B, T)."""
+    pixels[part.index] += part.pixels
+    own = part.count > 0
+    t, more = part.index[own], part.count[own]
+    before = count[t]
+    count[t] = before + more
+    share = more / count[t]
+    mean, m2, low, high = part.moments[:, :, own]
+    with np.errstate(invalid="ignore", over="ignore"):
+        delta = mean - moments[0][:, t]
+        moments[0][:, t] += delta * share
+        moments[1][:, t] += m2 + delta * (before * share) * delta
+    moments[2][:, t] = np.minimum(moments[2][:, t], low)
+    moments[3][:, t] = np.maximum(moments[3][:, t], high)
+
+
+def _blend(points: Points, bands: NDArray[Any], valid: Mask, window: Window) -> Floats:
+    """Return values (B, P): bilinear between the four pixel centres around each point.
+
+    The weights of pixels that are not valid, or beyond the image, go to the others. Taken
+    relative to one of them, so that among equal pixels the value is theirs to the last bit.
+    """
+    height, width = valid.shape
+    flat, known = bands.reshape(len(bands), -1), valid.ravel()
+    x, y = points[:, 0] - 0.5 - window.col, points[:, 1] - 0.5 - window.row
+    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+    total, base = np.zeros(len(points)), np.zeros(len(points), np.intp)
+    values = np.zeros((len(bands), len(points)))
+    for row, col in ((top, left), (top, left + 1), (top + 1, left), (top + 1, left + 1)):
+        there = (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        pixel = np.where(there, row * width + col, 0)
+        there &= known[pixel]
+        base = np.where(there & (total == 0), pixel, base)
+        weight = np.where(there, (1 - np.abs(x - col)) * (1 - np.abs(y - row)), 0.0)
+        total += weight
+        above = flat[:, pixel].astype(np.float64) - flat[:, base].astype(np.float64)
+        values += np.where(there, weight * above, 0.0)
+    with np.errstate(invalid="ignore"):  # 0 / 0, and so NaN, without a valid pixel
+        return flat[:, base].astype(np.float64) + values / total
 
 
 def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:
