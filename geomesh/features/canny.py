@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from geomesh.arrays.types import Gray
 from geomesh.features.gray_image import GrayImage
@@ -188,6 +186,9 @@ def tile_edges(
 
 def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:
     """Return, for each tile, which of its components are edges: bool (K + 1,)."""
+    from scipy.sparse import coo_array  # takes a while to import, as csgraph does
+    from scipy.sparse.csgraph import connected_components
+
     starts = np.cumsum([0] + [len(p.strong) for p in partials])
     pixels = np.concatenate([p.seam_pixels for p in partials])
     labels = np.concatenate(
@@ -197,7 +198,7 @@ def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:
     same = np.flatnonzero(np.diff(pixels[order]) == 0)
     one, other = labels[order[same]], labels[order[same + 1]]
     total = int(starts[-1])
-    links = sparse.coo_array((np.ones(len(one), np.int8), (one, other)), shape=(total, total))
+    links = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(total, total))
     _, component = connected_components(links, directed=False)
     strong = np.concatenate([p.strong for p in partials])
     has_strong = np.zeros(component.max(initial=-1) + 1, np.bool_)

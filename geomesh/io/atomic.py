@@ -127,24 +127,29 @@ def undisturbed() -> Iterator[None]:
 
 
 @contextmanager
-def writing_to(target: str | Path, *kinds: type[Exception]) -> Iterator[None]:
+def writing_to(target: str | Path, *libraries: str) -> Iterator[None]:
     """Raise OutputError, in one line, for what says that a file could not be written.
 
     Parameters
     ----------
     target : path
         What the message calls the file.
-    *kinds : exception types
-        Of the library that writes, beside OSError.
+    *libraries : str
+        Whose errors say so, beside OSError: names of packages, which need not be imported.
     """
-    failures: tuple[type[Exception], ...] = (OSError, *kinds)
     try:
         yield
-    except failures as error:
+    except Exception as error:
+        if not isinstance(error, OSError) and _package(error) not in libraries:
+            raise
         raise OutputError(
             f"{target} could not be written: {_reason(error)}; free some space or choose another "
             "folder"
         ) from error
+
+
+def _package(error: Exception) -> str:
+    return type(error).__module__.partition(".")[0]
 
 
 def _prefix() -> str:

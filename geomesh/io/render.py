@@ -12,7 +12,6 @@ from zlib import crc32
 import numpy as np
 import rasterio.windows
 from numpy.typing import NDArray
-from rasterio.errors import RasterioError
 
 from geomesh.errors import OutputError, SourceError
 from geomesh.io.atomic import staged, writing_to
@@ -102,7 +101,7 @@ def render_file(
             workers=pool,
             progress=part_of(report, 0, 0.6),
         )
-        with writing_to(target, RasterioError):
+        with writing_to(target, "rasterio"):
             sums = _write(temporary, options, surface, scene, pool, part_of(report, 0.6, 0.9))
         try:
             shown = open_scene(temporary, name=str(target))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
@@ -243,7 +242,7 @@ class MeshWriter:
     @contextmanager
     def _one_line_failures(self) -> Iterator[None]:
         """Raise OutputError for what a library says of a failed write, and pass on all else."""
-        with writing_to(self._target, *_failed_writes()):
+        with writing_to(self._target, "pyogrio", "pyarrow", "sqlite3"):
             try:
                 yield
             except Exception:
@@ -281,11 +280,3 @@ def _write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool |
     from geomesh.io.layer import write_layer
 
     write_layer(file, stream, writer_pool)
-
-
-def _failed_writes() -> tuple[type[Exception], ...]:
-    """Return what libraries raise when a write has failed, beside OSError."""
-    from pyarrow import ArrowException
-    from pyogrio.errors import DataLayerError, DataSourceError
-
-    return DataSourceError, DataLayerError, ArrowException, sqlite3.Error

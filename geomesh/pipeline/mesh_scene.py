@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -33,6 +34,7 @@ from geomesh.mesh.provenance import (
     SourceRaster,
 )
 from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.background import in_background
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.workers import Workers
 from geomesh.pipeline.nodes import NodeSet, place_nodes
@@ -72,11 +74,15 @@ def mesh_scene(
     _require_reach(scene, workers)
     notes = (*scene.notes, *_notes_on_memory(scene, recipe))
     _warn(notes)
-    prepare_kernels(lambda: progress(0.0, "Compiling, once"))
+    compiling = threading.Event()
+    later_stages = in_background(lambda: _load_later_stages(compiling.set))
     with scene.open():
         tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
         detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.7))
+        if compiling.is_set() and not later_stages.done():
+            progress(0.7, "Compiling, once")
+        later_stages.result()
         progress(0.7, "Triangulating")
         nodes = place_nodes(detection, scene.grid, recipe)
         nodes, triangles = triangulate_nodes(nodes, scene.grid, detection.size, workers.local)
@@ -118,6 +124,17 @@ def mesh_scene(
             },
         ),
     )
+
+
+def _load_later_stages(compiling: Callable[[], None]) -> None:
+    """Load what stages after detection need, which takes time, beside the detection.
+
+    `compiling` is called if kernels have to be compiled.
+    """
+    import scipy.sparse.csgraph
+    import scipy.spatial  # noqa: F401
+
+    prepare_kernels(compiling)
 
 
 def _source(scene: Scene, names: Sequence[str]) -> SourceRaster:

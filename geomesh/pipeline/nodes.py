@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from geomesh.arrays.table import Table
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
@@ -19,6 +18,9 @@ from geomesh.features.sift import Keypoints, spread_evenly, thin
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.raster.grid import Grid, snap
 from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 # The distance to the third nearest node is close to the length of an edge.
 _NEAREST = 4
@@ -81,6 +83,8 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     elif facts.islands_dropped or recipe.resize is not None:
         # Islands are no domain, and a resized image's pixels do not follow the outline.
         features = features.take(_inside(features.xy, loops))
+    from scipy.spatial import cKDTree  # takes a while to import
+
     # Cut in the middle: half the time of a balanced tree, and the same distances.
     inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
     spacing = recipe.border_spacing or _median_spacing(inner)

@@ -1,0 +1,24 @@
+"""Work beside the main thread that nobody has to wait for when the rest fails."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TypeVar
+
+Result = TypeVar("Result")
+
+
+def in_background(function: Callable[[], Result]) -> Future[Result]:
+    """Call a function in a thread of its own, which does not keep the process alive."""
+    future: Future[Result] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(function())
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=run, name="geomesh-background", daemon=True).start()
+    return future
