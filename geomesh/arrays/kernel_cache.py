@@ -74,8 +74,6 @@ class KernelCache(FunctionCache):
         """Return the machine code, or None if it has to be compiled."""
         self._open()
         try:
-            from numba.core.runtime import rtsys
-            rtsys.initialize(target_context)
             found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # a file that another program damaged: compile anew
             found = None

@@ -2,7 +2,9 @@
 
 The JSON lines protocol, on standard output, one object a line with `event`:
 
-- ``start``: ``protocol`` (this version), ``pid`` of the process, ``command``, ``source``
+- ``start``: ``protocol`` (this version), ``pid`` of the process, ``command``, ``source``,
+  ``unfinished`` (how the names of folders begin in which this process writes outputs: whoever
+  kills it can remove them from the folders of the outputs)
 - ``progress``: ``fraction`` (0..1), ``message``
 - ``log``: ``level`` ("warning"), ``message``
 - ``error``: ``code`` (of `geomesh.errors`, or "interrupted"), ``message``
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,6 +27,9 @@ import click
 from geomesh.errors import GeomeshError, GeomeshWarning
 
 PROTOCOL = 1
+
+# How the library's messages name a parameter, and perhaps a value for it.
+_PARAMETER = re.compile(r"`(?P<name>[a-z_]+)(?:=(?P<value>[^`]*))?`")
 
 Report = Callable[[float, str], None]
 
@@ -96,8 +102,12 @@ class JsonLines:
         click.echo(json.dumps({"event": event, **values}, ensure_ascii=True))
 
     def start(self, command: str, source: str) -> None:
-        """Tell the protocol's version too, and which process this is."""
-        self._tell("start", protocol=PROTOCOL, pid=os.getpid(), command=command, source=source)
+        """Tell the protocol's version too, which process this is, and where it writes."""
+        from geomesh.io.atomic import leftovers_prefix
+
+        pid = os.getpid()
+        process = {"pid": pid, "unfinished": leftovers_prefix(pid)}
+        self._tell("start", protocol=PROTOCOL, **process, command=command, source=source)
 
     @contextmanager
     def progress(self) -> Iterator[Report]:
@@ -139,6 +149,33 @@ def open_console(style: str | None, *, quiet: bool = False) -> Console:
     return JsonLines() if style == "jsonl" else People(bar=style == "bar", quiet=quiet)
 
 
+def spell(message: str) -> str:
+    """Return a message of the library with options of the command in place of parameters.
+
+    The library writes `` `bounds` `` or `` `overwrite=True` ``; people who use the command know
+    these as --bounds and --overwrite, and parameters of the recipe as --set.
+    """
+    context = click.get_current_context(silent=True)
+    options = {
+        parameter.name: parameter
+        for parameter in (context.command.params if context is not None else ())
+        if isinstance(parameter, click.Option)
+    }
+
+    def option(match: re.Match[str]) -> str:
+        name, value = match["name"], match["value"]
+        if name in options:
+            known = max(options[name].opts, key=len)
+            return known if value is None or options[name].is_flag else f"{known} {value}"
+        if "settings" in options and value is not None:
+            # As JSON has it.
+            plain = {"None": "null", "True": "true", "False": "false"}.get(value, value)
+            return f"--set {name}={plain}"
+        return match[0]
+
+    return _PARAMETER.sub(option, message)
+
+
 @contextmanager
 def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str]]:
     """Turn errors into one line (kept in the list that is yielded) and warnings into messages.
@@ -149,7 +186,7 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, GeomeshWarning) or debug:
-            console.warn(f"{about}{message}")
+            console.warn(f"{about}{spell(str(message))}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", GeomeshWarning)
@@ -157,8 +194,8 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
         try:
             yield failures
         except GeomeshError as error:
-            failures.append(str(error))
-            console.error(error.code, str(error))
+            failures.append(spell(str(error)))
+            console.error(error.code, failures[-1])
             if debug:
                 raise
         except (KeyboardInterrupt, SystemExit):

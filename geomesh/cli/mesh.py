@@ -7,30 +7,31 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import Console, guarded, open_console, spell
 from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
 from geomesh.cli.outputs import protect_inputs
 from geomesh.errors import OutputError
 from geomesh.formats.registry import EXTENSIONS, find_format
 from geomesh.parameters import STATISTICS
+from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
-# A process writes each layer of a GeoPackage, as far as there are cores.
-_MOST_LAYERS = 3
+if TYPE_CHECKING:
+    from geomesh.pipeline.batch import Batch
 
 
 @dataclass(frozen=True)
-class Job:
-    """One raster and the file its mesh goes to."""
+class _Plan:
+    """The jobs of a command, and the folder of their outputs if it was made for them."""
 
-    source: str
-    output: Path
+    jobs: tuple[MeshJob, ...]
+    made_folder: Path | None
 
 
 @click.command()
@@ -55,7 +56,8 @@ class Job:
     "--workers",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Tiles to work on at a time. Default: one a core. The mesh is the same for any N.",
+    help="Tiles, or small rasters, to work on at a time. Default: one a core. "
+    "The mesh is the same for any N.",
 )
 @click.option(
     "--scheduler",
@@ -63,22 +65,23 @@ class Job:
     help="Work on a Dask cluster instead, such as tcp://host:8786; its workers open SRC by "
     "its path or URL.",
 )
+@click.option(
+    "--skip-existing",
+    is_flag=True,
+    help="Leave outputs that are there, whole and made by the same recipe: a batch goes on where "
+    "it stopped.",
+)
 @output_options
 @click.pass_obj
 def mesh(
     debug: bool,
     /,
     sources: tuple[str, ...],
-    output: str,
-    layers: tuple[Any, ...] | None,
-    driver: str | None,
     workers: int | None,
     scheduler: str | None,
-    overwrite: bool,
     progress: str | None,
     as_json: bool,
-    reading: dict[str, Any],
-    recipe_options: dict[str, Any],
+    **options: Any,
 ) -> None:
     """Turn each raster SRC into a triangle mesh.
 
@@ -87,97 +90,59 @@ def mesh(
       geomesh mesh scene.tif -o mesh.gpkg
       geomesh mesh scene.tif -o web.geojson --nodes 2000
       geomesh mesh scene.tif -o mesh.gpkg --bidx 5,4,3 --mask aoi.gpkg
-      geomesh mesh scenes/*.tif -o meshes/ --preset paper
+      geomesh mesh scenes/*.tif -o meshes/ --preset paper --skip-existing
       geomesh mesh https://host/cog.tif -o mesh.gpkg --bounds 734145 -2827755 749505 -2812395
     """
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler exclude each other: choose one")
     console = open_console(progress, quiet=as_json)
-    jobs: list[Job] = []
-    folder, made_folder = None, False
-    outcomes: list[dict[str, Any]] = []
-    with guarded(console, debug) as failures:
-        recipe = build_recipe(**recipe_options)
-        planned, folder = _plan(sources, output, driver)
-        protect_inputs(
-            [job.output for job in planned],
-            [*sources, reading["mask"], recipe_options["recipe_file"]],
-        )
-        made_folder = folder is not None and _make_folder(folder)
-        jobs = planned
+    plan, outcomes = _Plan((), None), list[dict[str, Any]]()
     with ExitStack() as stack:
-        with guarded(console, debug) as problems:
-            if jobs:
-                from geomesh.io.gdal_process import WriterPool
-
-                writer_pool = stack.enter_context(
-                    WriterPool(min(workers or os.cpu_count() or 1, _MOST_LAYERS))
-                )
-                writer_pool.warm()  # they load while this process does
-                team = stack.enter_context(_open_workers(workers, scheduler))
-                from geomesh.pipeline.mesh_file import mesh_file
-        if problems:
-            failures, jobs = failures + problems, []
-        for job in jobs:
-            console.start("mesh", job.source)
-            about = f"{job.source}: " if len(jobs) > 1 else ""
-            with guarded(console, debug, about) as problems, console.progress() as report:
-                made = mesh_file(
-                    job.source,
-                    job.output,
-                    recipe=recipe,
-                    workers=team,
-                    writer_pool=writer_pool,
-                    progress=report,
-                    layers=layers,
-                    driver=driver,
-                    overwrite=overwrite,
-                    **reading,
-                )
-            if problems:
-                failures += problems
-                outcomes.append({"source": job.source, "error": problems[0]})
-                continue
-            figures = {"nodes": len(made.nodes), "triangles": len(made.triangles)}
-            told = list(made.metadata["warnings"])
-            outcome = {"source": job.source, "output": str(job.output), **figures, "warnings": told}
-            outcomes.append(outcome)
-            console.result(
-                [str(job.output)],
-                figures,
-                f"{job.output}: {figures['nodes']:,} nodes, {figures['triangles']:,} triangles, "
-                "certified",
-            )
-    if made_folder and folder is not None:
+        with guarded(console, debug) as failures:
+            plan = _plan(sources, **options)
+            batch = stack.enter_context(_open_batch(plan.jobs, workers, scheduler, debug))
+        if not failures:
+            outcomes = _run(plan.jobs, batch, console, debug)
+    if plan.made_folder is not None:
         with suppress(OSError):  # it holds a mesh
-            folder.rmdir()
+            plan.made_folder.rmdir()
+    failed = len(failures) + sum("error" in outcome for outcome in outcomes)
     if as_json:
-        click.echo(json.dumps({"results": outcomes, "failed": len(failures)}, indent=2))
-    elif len(jobs) > 1 and progress != "jsonl":
+        click.echo(json.dumps({"results": outcomes, "failed": failed}, indent=2))
+    elif len(outcomes) > 1 and progress != "jsonl":
         _print_table(outcomes)
-    sys.exit(1 if failures else 0)
+    sys.exit(1 if failed else 0)
 
 
-def _open_workers(workers: int | None, scheduler: str | None) -> Any:
-    """Return the workers as a context: threads, or those of the cluster."""
-    if scheduler is None:
-        from geomesh.parallel.workers import open_workers
+def _plan(
+    sources: Sequence[str],
+    output: str,
+    reading: dict[str, Any],
+    recipe_options: dict[str, Any],
+    **writing: Any,
+) -> _Plan:
+    """Return a job for each source, once it is known that nothing is read and overwritten."""
+    recipe = build_recipe(**recipe_options)
+    paths, folder = _choose_outputs(sources, output, writing["driver"])
+    protect_inputs(paths, [*sources, reading["mask"], recipe_options["recipe_file"]])
+    made = folder if folder is not None and _make_folder(folder) else None
+    jobs = (
+        MeshJob(source, path, recipe, reading=reading, **writing)
+        for source, path in zip(sources, paths, strict=True)
+    )
+    return _Plan(tuple(jobs), made)
 
-        return open_workers(workers)
-    from geomesh.parallel.dask import open_dask_workers
 
-    return open_dask_workers(scheduler)
-
-
-def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list[Job], Path | None]:
-    """Return the jobs and, where OUT is a folder, that folder.
+def _choose_outputs(
+    sources: Sequence[str], output: str, driver: str | None
+) -> tuple[list[Path], Path | None]:
+    """Return the file for each source and, where OUT is a folder, that folder.
 
     It is one if it ends like one, is one already, or if there are several SRC.
     """
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
-        return [Job(sources[0], folder)], None
-
+        return [folder], None
     if folder.suffix.lower() in EXTENSIONS and not folder.is_dir():
         raise OutputError(f"{output} is the name of one file; for several rasters name a folder")
     if folder.exists() and not folder.is_dir():
@@ -195,11 +160,7 @@ def _plan(sources: Sequence[str], output: str, driver: str | None) -> tuple[list
             f"several rasters are called {twice[0]!r}: their meshes would overwrite each other "
             f"in {output}; mesh them into different folders"
         )
-    jobs = [
-        Job(source, folder / f"{name}{extension}")
-        for source, name in zip(sources, names, strict=True)
-    ]
-    return jobs, folder
+    return [folder / f"{name}{extension}" for name in names], folder
 
 
 def _make_folder(folder: Path) -> bool:
@@ -213,14 +174,63 @@ def _make_folder(folder: Path) -> bool:
     return True
 
 
+def _open_batch(
+    jobs: Sequence[MeshJob], workers: int | None, scheduler: str | None, debug: bool
+) -> AbstractContextManager[Batch]:
+    from geomesh.parallel.cores import available_cores
+    from geomesh.pipeline.batch import open_batch
+
+    def open_all() -> AbstractContextManager[Any]:
+        if scheduler is None:
+            from geomesh.parallel.workers import open_workers
+
+            return open_workers(workers)
+        from geomesh.parallel.dask import open_dask_workers
+
+        return open_dask_workers(scheduler)
+
+    # A traceback can be shown of this process only.
+    side_by_side = scheduler is None and not debug
+    return open_batch(jobs, open_all, workers or available_cores(), side_by_side=side_by_side)
+
+
+def _run(
+    jobs: Sequence[MeshJob], batch: Batch, console: Console, debug: bool
+) -> list[dict[str, Any]]:
+    """Mesh one job after the other, tell of each, and return what became of it."""
+    outcomes = []
+    for job in jobs:
+        console.start("mesh", str(job.source))
+        about = f"{job.source}: " if len(jobs) > 1 else ""
+        with guarded(console, debug, about) as problems, console.progress() as report:
+            summary = batch.mesh(job, report)
+        if problems:
+            outcomes.append({"source": job.source, "error": problems[0]})
+        else:
+            outcomes.append(_report(job, summary, console))
+    return outcomes
+
+
+def _report(job: MeshJob, summary: MeshSummary, console: Console) -> dict[str, Any]:
+    figures = {"nodes": summary.nodes, "triangles": summary.triangles}
+    done = "left as it was" if summary.skipped else "certified"
+    text = f"{job.output}: {summary.nodes:,} nodes, {summary.triangles:,} triangles, {done}"
+    console.result([str(job.output)], figures, text)
+    told = asdict(summary) | {"warnings": [spell(warning) for warning in summary.warnings]}
+    return {"source": job.source, "output": str(job.output), **told}
+
+
 def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
     """Print which rasters were meshed and which failed; why was said when they did."""
-    from rich.console import Console
+    from rich.console import Console as RichConsole
     from rich.table import Table
     from rich.text import Text
 
     failed = sum("error" in outcome for outcome in outcomes)
-    table = Table(title=f"{len(outcomes) - failed} meshed, {failed} failed", title_justify="left")
+    left = sum(outcome.get("skipped", False) for outcome in outcomes)
+    title = f"{len(outcomes) - failed - left} meshed, {failed} failed"
+    title += f", {left} left as they were" if left else ""
+    table = Table(title=title, title_justify="left")
     for column in ("source", "nodes", "triangles", "outcome"):
         table.add_column(column, justify="right" if column in ("nodes", "triangles") else "left")
     for outcome in outcomes:
@@ -230,7 +240,7 @@ def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
         else:
             figures = (f"{outcome[name]:,}" for name in ("nodes", "triangles"))
             table.add_row(source, *figures, Text(Path(outcome["output"]).name, overflow="fold"))
-    console = Console(stderr=True)
+    console = RichConsole(stderr=True)
     if not console.is_terminal:
         console.width = 160
     console.print(table)

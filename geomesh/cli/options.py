@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 import click
 
 from geomesh.errors import RecipeError
-from geomesh.parameters import DOMAINS
+from geomesh.formats.registry import DRIVERS
+from geomesh.parameters import DOMAINS, LAYERS
 from geomesh.recipe import PRESETS, Recipe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -195,13 +196,13 @@ def layer_options(command: Command) -> Command:
             "-f",
             "--driver",
             metavar="FORMAT",
-            help="GPKG, GeoJSON, FlatGeobuf, Parquet or UGRID. Default: by the extension of OUT.",
+            help=f"{', '.join(DRIVERS)}. Default: by the extension of OUT.",
         ),
         click.option(
             "--layers",
-            callback=words(("triangles", "edges", "nodes")),
+            callback=words(LAYERS),
             metavar="LAYER,...",
-            help="Layers to write: triangles, edges, nodes. "
+            help=f"Layers to write: {', '.join(LAYERS)}. "
             "Default: all in a GeoPackage, else triangles.",
         ),
     ):

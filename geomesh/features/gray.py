@@ -61,7 +61,7 @@ def gray_weights(
         if rgb is None:
             raise BandError(
                 f"luma needs red, green and blue among the {count} bands: choose three with "
-                "--bidx, or --gray mean, pca or band:N"
+                "`bidx`, or set `gray` to mean, pca or band:N"
             )
         weights[list(rgb)] = LUMA
     elif method == "pca":
@@ -72,7 +72,7 @@ def gray_weights(
         known = list(numbers or range(1, count + 1))
         if number not in known:
             raise BandError(
-                f"--gray {method}: band {number} is not among the chosen bands "
+                f"`gray={method}`: band {number} is not among the chosen bands "
                 f"({', '.join(map(str, known))})"
             )
         weights[known.index(number)] = 1

@@ -60,7 +60,7 @@ def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
             return bands, valid
     raise EmptyError(
         f"{scene.name} has no valid pixel here: all are nodata, masked, not finite or outside "
-        "--mask; choose other bands or another area, or override the nodata value with --nodata"
+        "`mask`; choose other bands or another area, or override the nodata value with `nodata`"
     )
 
 

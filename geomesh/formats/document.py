@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from geomesh.arrays.table import Table
 from geomesh.mesh.certificate import Certificate
 from geomesh.mesh.topology import edge_keys
 from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.raster.grid import Grid
 
 KEY = "geomesh"
 FORMAT = 1
@@ -31,17 +33,13 @@ def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
         "certificate": certificate.to_dict(),
         "mesh": {
             "format": FORMAT,
-            "grid": {
-                "width": mesh.grid.width,
-                "height": mesh.grid.height,
-                "transform": list(mesh.grid.transform[:6]),
-                "crs": mesh.grid.crs.to_wkt() if mesh.grid.crs else None,
-            },
+            "grid": describe_grid(mesh.grid),
             "plane_size": mesh.plane_size,
             "domain": asdict(mesh.domain),
             "counts": {
                 "nodes": len(mesh.nodes),
                 "triangles": len(mesh.triangles),
+                "edges": len(mesh.edges.nodes),
                 "constraints": len(np.unique(edge_keys(mesh.constraints))),
             },
             "columns": {
@@ -51,6 +49,16 @@ def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
         },
     }
     return json.dumps(plain_json(document), sort_keys=True, allow_nan=False)
+
+
+def describe_grid(grid: Grid) -> dict[str, Any]:
+    """Return the entry of a mesh's grid, as plain JSON values."""
+    return {
+        "width": grid.width,
+        "height": grid.height,
+        "transform": list(map(float, grid.transform[:6])),
+        "crs": grid.crs.to_wkt() if grid.crs else None,
+    }
 
 
 def _dtypes(table: Table) -> list[list[str]]:

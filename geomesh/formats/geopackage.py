@@ -144,11 +144,14 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
 def _count_rows(path: Path, layer: str) -> int:
     # Not as a URI: those know no network shares.
     with closing(sqlite3.connect(path)) as database:
-        (state,) = database.execute(f'PRAGMA quick_check("{layer}")').fetchone()
-        if state != "ok":
-            raise OSError(f"the database is damaged: {state}")
-        (rows,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
-        return int(rows)
+        try:
+            (state,) = database.execute(f'PRAGMA quick_check("{layer}")').fetchone()
+            (rows,) = database.execute(f'SELECT count(*) FROM "{layer}"').fetchone()
+        except sqlite3.Error as error:
+            raise OSError(f"the database is damaged: {error}") from error
+    if state != "ok":
+        raise OSError(f"the database is damaged: {state}")
+    return int(rows)
 
 
 GPKG = Format(

@@ -78,7 +78,7 @@ class LonLatLayer(Layer):
         if off.any():
             raise GeoreferenceError(
                 f"GeoJSON is longitude and latitude, and {np.count_nonzero(off)} of {len(off)} "
-                "nodes have none: leave them out with --bounds or --mask, or write .gpkg"
+                "nodes have none: leave them out with `bounds` or `mask`, or write .gpkg"
             )
         layer = Layer.of(mesh, name)
         crs = mesh.grid.crs

@@ -41,7 +41,7 @@ def check_place(target: Path, *, overwrite: bool) -> None:
             raise OutputError(f"the folder of {target} does not exist; create it first")
         # The mode bits do not tell: a superuser passes them, and a read-only or
         # full file system may still refuse.
-        Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent)).rmdir()
+        Path(tempfile.mkdtemp(prefix=leftovers_prefix(os.getpid()), dir=place.parent)).rmdir()
     except OSError as error:
         raise OutputError(
             f"{target} cannot be written: {_reason(error)}; choose another folder"
@@ -54,7 +54,7 @@ def _check_existing(target: Path, mode: int, *, overwrite: bool) -> None:
     if not stat.S_ISREG(mode):
         raise OutputError(f"{target} is not a regular file; choose another name")
     if not overwrite:
-        raise OutputError(f"{target} exists; use --overwrite (overwrite=True) to replace it")
+        raise OutputError(f"{target} exists; use `overwrite=True` to replace it")
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
     folder: Path | None = None
     try:
         with writing_to(target), undisturbed():
-            folder = Path(tempfile.mkdtemp(prefix=_prefix(), dir=place.parent))
+            folder = Path(tempfile.mkdtemp(prefix=leftovers_prefix(os.getpid()), dir=place.parent))
         finished = folder / f"output{suffix}"
         yield finished
         with writing_to(target):
@@ -152,9 +152,18 @@ def _package(error: Exception) -> str:
     return type(error).__module__.partition(".")[0]
 
 
-def _prefix() -> str:
-    # The process number tells a program that had to kill this one what was left behind.
-    return f".geomesh-{os.getpid()}-"
+def leftovers_prefix(pid: int) -> str:
+    """Return how the names of the folders begin in which a process writes its output.
+
+    A program that had to kill the process finds by it what was left behind.
+    """
+    return f".geomesh-{pid}-"
+
+
+def remove_leftovers(folder: Path, pid: int) -> None:
+    """Remove what a process that was killed has left unfinished in a folder."""
+    for unfinished in folder.glob(f"{leftovers_prefix(pid)}*"):
+        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def _flush(path: Path) -> None:

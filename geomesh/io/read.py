@@ -54,8 +54,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     missing = [name for name in ("nodes", "triangles") if name not in layers]
     if missing:
         raise MeshFileError(
-            f"{path} has no layer {' or '.join(missing)}; write the mesh with all its layers "
-            "(without --layers)"
+            f"{path} has no layer {' or '.join(missing)}; write the mesh with all its layers"
         )
     document = read_document(source)
     stored = document["mesh"]
@@ -200,6 +199,6 @@ def _read_constraints(
     if len(found) != stored["counts"]["constraints"]:
         raise MeshFileError(
             f"{path} has {len(found)} of {stored['counts']['constraints']} constrained edges; "
-            "write the mesh with all its layers (without --layers)"
+            "write the mesh with all its layers"
         )
     return found

@@ -17,6 +17,7 @@ from geomesh.formats.registry import find_format
 from geomesh.io.atomic import check_place, staged, undisturbed, writing_to
 from geomesh.io.gdal_process import WriterPool
 from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.processes import Process
 from geomesh.parallel.progress import Progress
 from geomesh.parameters import LAYERS, LayerName
 
@@ -113,7 +114,7 @@ def open_writer(
     target = Path(path)
     check_output(target, overwrite=overwrite, driver=driver)
     file_format = find_format(target, driver)
-    names = _choose_layers(layers, file_format)
+    names = choose_layers(layers, file_format)
     with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
         writer = MeshWriter(target, temporary, names, file_format, writer_pool)
         try:
@@ -149,7 +150,7 @@ class MeshWriter:
         self._path = path
         self._names = names
         self._format = file_format
-        self._scribes = writer_pool
+        self._writer_pool = writer_pool
         writers = writer_pool.count if writer_pool is not None else 1
         self._joining = file_format.joining
         self._apart = (
@@ -197,11 +198,11 @@ class MeshWriter:
         progress(1.0, "Written")
 
     def stop(self) -> None:
-        """Make an end of what is still being written; nobody needs it."""
+        """Stop what is still being written."""
         for stream in self._streams.values():
             stream.stop()
-        if self._scribes is not None:
-            self._scribes.dismiss()
+        if self._writer_pool is not None:
+            self._writer_pool.stop(Process.kill)
         self._threads.shutdown(wait=False, cancel_futures=True)
         begun = [future for future in self._written.values() if not future.cancelled()]
         wait(begun, timeout=_GRACE)
@@ -211,7 +212,9 @@ class MeshWriter:
             stream = self._streams[name] = BatchStream(self._news)
             path = self._others().get(name, self._path)
             file = LayerFile(mesh, name, path, self._format, document)
-            self._written[name] = self._threads.submit(_write_layer, file, stream, self._scribes)
+            self._written[name] = self._threads.submit(
+                _write_layer, file, stream, self._writer_pool
+            )
             self._written[name].add_done_callback(lambda _: self._news.put(None))
 
     def _others(self) -> dict[LayerName, Path]:
@@ -252,7 +255,14 @@ class MeshWriter:
                 raise
 
 
-def _choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
+def choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
+    """Return the layers to write, in their order; by default all that the format holds in one file.
+
+    Raises
+    ------
+    OutputError
+        If one does not exist, or the format cannot hold them.
+    """
     if layers is None:
         return list(LAYERS if file_format.joining is not None else LAYERS[:1])
     asked = [layers] if isinstance(layers, str) else list(layers)

@@ -6,8 +6,6 @@ interpreter's lock, so two threads gain what two processes do, and nothing is co
 
 from __future__ import annotations
 
-import os
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,6 +16,7 @@ from typing import Any, Generic, TypeVar
 from uuid import uuid4
 
 from geomesh.errors import GeomeshError, WorkerError, one_line
+from geomesh.parallel.cores import available_cores
 from geomesh.raster.gdal import cache_size, set_cache_size, settings
 
 Task = TypeVar("Task")
@@ -112,13 +111,6 @@ def open_workers(workers: int | None = None, executor: Executor | None = None) -
     finally:
         # After an error nobody waits for what is still running: it is not needed.
         local.shutdown(wait=done, cancel_futures=True)
-
-
-def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if sys.platform == "linux":
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class _ProcessKept:

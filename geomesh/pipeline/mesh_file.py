@@ -2,72 +2,97 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from os import PathLike
-from typing import Any
-
+from geomesh.errors import OutputError
 from geomesh.io.gdal_process import WriterPool
-from geomesh.io.write import open_writer
+from geomesh.io.write import check_output, open_writer
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
+from geomesh.parallel.tiles import CORE
 from geomesh.parallel.workers import Workers
-from geomesh.parameters import LayerName
+from geomesh.pipeline.existing import find_made
+from geomesh.pipeline.jobs import MeshJob, MeshSummary
 from geomesh.pipeline.mesh_scene import mesh_scene
-from geomesh.raster.open import Source, open_scene
-from geomesh.recipe import Recipe
+from geomesh.raster.open import open_scene
+from geomesh.raster.scene import Scene
+
+# From so many pixels on, layers are written by processes of their own: they take a third of a
+# second to start, and then more than that off the writing.
+_LARGE = 2_000_000
 
 
 def mesh_file(
-    source: Source,
-    path: str | PathLike[str],
-    *,
-    recipe: Recipe,
-    workers: Workers,
-    writer_pool: WriterPool,
-    progress: Progress,
-    layers: Iterable[LayerName] | None = None,
-    driver: str | None = None,
-    overwrite: bool = False,
-    **reading: Any,
-) -> TriangleMesh:
+    job: MeshJob, workers: Workers, writer_pool: WriterPool | None, progress: Progress
+) -> MeshSummary:
     """Turn a raster into a mesh file, writing the edges while triangles are measured.
 
     Parameters
     ----------
-    source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
-    path : path-like
-    recipe : Recipe
+    job : MeshJob
     workers : Workers
-        May work on one source after another.
-    writer_pool : WriterPool
-        So may they.
+        May work on one job after another.
+    writer_pool : WriterPool, optional
+        So may they; without any, this process writes.
     progress : callable(fraction, message)
         May raise to cancel.
-    layers, driver, overwrite
-        As in `geomesh.io.write.write_mesh`.
-    **reading
-        As in `geomesh.raster.open.open_scene`.
-
-    Returns
-    -------
-    TriangleMesh
 
     Raises
     ------
     GeomeshError
         With one line that says what is wrong and what to do; an old file stays as it was.
     """
+    scene = open_job(job)
+    return (
+        scene
+        if isinstance(scene, MeshSummary)
+        else mesh_opened(job, scene, workers, writer_pool, progress)
+    )
+
+
+def open_job(job: MeshJob) -> Scene | MeshSummary:
+    """Return the scene to mesh, or the summary of the file if there is nothing to do."""
+    keep = job.skip_existing and job.output.exists()
+    check_output(job.output, overwrite=job.overwrite or keep, driver=job.driver)
+    scene = open_scene(job.source, **job.reading)
+    if not keep:
+        return scene
+    made = find_made(job.output, scene, job.recipe, layers=job.layers, driver=job.driver)
+    if isinstance(made, str):
+        if job.overwrite:
+            return scene
+        raise OutputError(f"{job.output} exists, but {made}; use `overwrite=True` to replace it")
+    counts, warnings = made
+    return MeshSummary(counts["nodes"], counts["triangles"], warnings, skipped=True)
+
+
+def mesh_opened(
+    job: MeshJob,
+    scene: Scene,
+    workers: Workers,
+    writer_pool: WriterPool | None,
+    progress: Progress,
+) -> MeshSummary:
+    """Mesh a scene that `open_job` returned: see `mesh_file`."""
+    is_large = scene.grid.width * scene.grid.height >= _LARGE
     with open_writer(
-        path, layers=layers, driver=driver, overwrite=overwrite, writer_pool=writer_pool
+        job.output,
+        layers=job.layers,
+        driver=job.driver,
+        overwrite=job.overwrite,
+        writer_pool=writer_pool if is_large else None,
     ) as writer:
-        scene = open_scene(source, **reading)
 
         def begin(shaped: TriangleMesh) -> None:
             trim_memory()  # detecting takes more than what follows
             writer.begin(shaped)
 
-        mesh = mesh_scene(scene, recipe, workers, part_of(progress, 0, 0.8), shaped=begin)
+        mesh = mesh_scene(scene, job.recipe, workers, part_of(progress, 0, 0.8), shaped=begin)
         trim_memory()  # GDAL's cache, now that the pixels are read
         writer.finish(mesh, part_of(progress, 0.8, 1))
-    return mesh
+    warnings = mesh.provenance.warnings if mesh.provenance is not None else ()
+    return MeshSummary(len(mesh.nodes), len(mesh.triangles), warnings)
+
+
+def fits_one_worker(scene: Scene) -> bool:
+    """Tell whether a scene is a plan of one tile, so that one worker has all the work."""
+    return max(scene.grid.width, scene.grid.height) <= CORE

@@ -113,7 +113,7 @@ def mesh_scene(
         ),
         provenance=Provenance(
             recipe=recipe,
-            source=_source(scene, names),
+            source=source_of(scene),
             pixels=PixelCounts(int(statistics.pixels.sum()), int(statistics.count.sum())),
             canny=CannyThresholds(detection.thresholds.low, detection.thresholds.high),
             warnings=(*notes, *nodes.notes),
@@ -137,9 +137,10 @@ def _load_later_stages(compiling: Callable[[], None]) -> None:
     prepare_kernels(compiling)
 
 
-def _source(scene: Scene, names: Sequence[str]) -> SourceRaster:
+def source_of(scene: Scene) -> SourceRaster:
     """Return what is needed to find the same pixels again."""
     window = scene.window
+    names = columns.band_names([band.description for band in scene.bands])
     return SourceRaster(
         name=scene.name,
         window=(window.col, window.row, window.width, window.height),

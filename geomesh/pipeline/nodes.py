@@ -116,12 +116,12 @@ def _notes_on_number(features: int, border: int, recipe: Recipe, facts: DomainFa
     if budget is not None and features + border < budget:
         return [
             f"{features + border} nodes of the {budget} asked for: the image has no more keypoints "
-            "on edges; --set edge_distance=null or min_spacing=1 gives more"
+            "on edges; `edge_distance=None` or `min_spacing=1` gives more"
         ]
     if features < _FEW * facts.valid_pixels:
         return [
             f"only {features} keypoints in {facts.valid_pixels} pixels: the image is smooth; "
-            "--set sobel=true finds more"
+            "`sobel=True` finds more"
         ]
     return []
 

@@ -48,21 +48,21 @@ def restrict(
                 "and south < north, in the raster's CRS"
             )
         box = shapely.box(west, south, east, north)
-        window = _around(scene, box, window, "--bounds")
+        window = _around(scene, box, window, "`bounds`")
         area = None if scene.grid.is_rectilinear else box
     if mask is not None:
         polygons = _polygons(mask, scene)
-        window = _around(scene, polygons, window, "--mask")
+        window = _around(scene, polygons, window, "`mask`")
         area = polygons if area is None else shapely.intersection(area, polygons)
         if area.is_empty:
-            raise EmptyError(f"--bounds and --mask have nothing in common on {scene.name}")
+            raise EmptyError(f"`bounds` and `mask` have nothing in common on {scene.name}")
     if area is not None:
         corner = np.array([scene.window.col, scene.window.row])
         area = shapely.transform(area, lambda xy: snap(scene.grid.to_pixel(xy) + corner))
     return scene.crop(window, area)
 
 
-def _around(scene: Scene, area: BaseGeometry, window: Window, option: str) -> Window:
+def _around(scene: Scene, area: BaseGeometry, window: Window, parameter: str) -> Window:
     """Return the least part of `window` that holds `area`."""
     corners = scene.grid.to_pixel(shapely.get_coordinates(area))
     (left, top), (right, bottom) = corners.min(axis=0) + _SNAP, corners.max(axis=0) - _SNAP
@@ -71,7 +71,7 @@ def _around(scene: Scene, area: BaseGeometry, window: Window, option: str) -> Wi
     if found.width < 1 or found.height < 1:
         edges = " ".join(f"{value:.10g}" for value in scene.grid.bounds())
         raise EmptyError(
-            f"{option} lies outside {scene.name}, whose bounds are {edges} in "
+            f"{parameter} lies outside {scene.name}, whose bounds are {edges} in "
             f"{scene.grid.crs.to_string() if scene.grid.crs else 'pixels'}"
         )
     return found

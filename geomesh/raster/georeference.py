@@ -84,5 +84,5 @@ def _crs(name: str, crs: Any) -> CRS | None:
         return CRS.from_authority(*authority) if authority else CRS.from_wkt(crs.to_wkt())
     except Exception as error:
         raise GeoreferenceError(
-            f"{name}: PROJ does not understand its CRS ({one_line(error)}); give another (--crs)"
+            f"{name}: PROJ does not understand its CRS ({one_line(error)}); give another with `crs`"
         ) from error

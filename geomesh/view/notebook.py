@@ -161,7 +161,7 @@ def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
     if crs is None:
         raise GeoreferenceError(
             "the mesh has no CRS, so its place on the web map is unknown: mesh the raster with "
-            "crs='EPSG:...', or draw the mesh with mesh.plot()"
+            "`crs='EPSG:...'`, or draw the mesh with mesh.plot()"
         )
     try:
         frame = mesh.to_geodataframe().to_crs(4326)

@@ -1,0 +1,60 @@
+"""Whether a mesh file is what a job would make: whole, from the same pixels, by the same recipe."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from geomesh.errors import GeomeshError
+from geomesh.formats.document import describe_grid
+from geomesh.formats.registry import find_format
+from geomesh.io.write import choose_layers
+from geomesh.mesh.provenance import Provenance
+from geomesh.parameters import LayerName
+from geomesh.pipeline.mesh_scene import source_of
+from geomesh.raster.scene import Scene
+from geomesh.recipe import Recipe
+
+Made = tuple[Mapping[str, int], tuple[str, ...]]
+
+
+def find_made(
+    path: Path,
+    scene: Scene,
+    recipe: Recipe,
+    *,
+    layers: Iterable[LayerName] | None = None,
+    driver: str | None = None,
+) -> Made | str:
+    """Return the counts and the warnings of a mesh file that need not be made again.
+
+    If it is another one, or damaged, return what it is, in words that follow "but".
+
+    Parameters
+    ----------
+    path : Path
+    scene : Scene
+        What the mesh would be made from.
+    recipe : Recipe
+    layers, driver
+        As in `geomesh.io.write.write_mesh`.
+    """
+    file_format = find_format(path, driver)
+    try:
+        document = json.loads(file_format.read_document(path))
+        made, counts = Provenance.from_dict(document), document["mesh"]["counts"]
+        grid = document["mesh"]["grid"]
+    except (GeomeshError, ValueError, KeyError, TypeError, OSError, RuntimeError):
+        return "is no whole mesh file of geomesh"
+    if made.recipe != recipe:
+        return "was made by another recipe"
+    if made.source != source_of(scene) or grid != describe_grid(scene.grid):
+        return f"was not made from the same pixels of {scene.name}"
+    try:
+        for name in choose_layers(layers, file_format):
+            if file_format.count_rows(path, name) != counts[name]:
+                return f"has not all its {name}"
+    except (GeomeshError, ValueError, KeyError, OSError, RuntimeError):
+        return "is damaged or lacks a layer"
+    return counts, made.warnings

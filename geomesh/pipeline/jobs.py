@@ -1,0 +1,53 @@
+"""What `geomesh mesh` is asked for, and what it tells: values that can be sent to processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from geomesh.parameters import LayerName
+from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from geomesh.raster.open import Source
+
+
+@dataclass(frozen=True)
+class MeshJob:
+    """One raster and the file that its mesh goes to.
+
+    Parameters
+    ----------
+    source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
+    output : Path
+    recipe : Recipe
+    layers : tuple of {"triangles", "edges", "nodes"}, optional
+    driver : str, optional
+    overwrite : bool
+        As in `geomesh.io.write.write_mesh`.
+    skip_existing : bool
+        Leave an output that is there, whole and made from the same pixels by the same recipe.
+    reading : mapping
+        Keywords of `geomesh.raster.open.open_scene`.
+    """
+
+    source: Source
+    output: Path
+    recipe: Recipe
+    layers: tuple[LayerName, ...] | None = None
+    driver: str | None = None
+    overwrite: bool = False
+    skip_existing: bool = False
+    reading: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class MeshSummary:
+    """What is told of a mesh file: its counts, the warnings, and whether it was there before."""
+
+    nodes: int
+    triangles: int
+    warnings: tuple[str, ...]
+    skipped: bool = False
