@@ -14,8 +14,8 @@ SITE := build/docs
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
-	@echo "make test    run everything: pytest, ruff, mypy"
-	@echo "make lint    ruff and mypy alone"
+	@echo "make test    run everything: pytest, ruff, mypy, import-linter"
+	@echo "make lint    ruff, mypy and import-linter alone"
 	@echo "make docs    build the documentation into $(SITE)/"
 	@echo "make bench   compare speed with the peers, in one run"
 	@echo "make bench-scale  time and memory from 1 to 120 megapixels, beside the bare work"
@@ -30,6 +30,9 @@ $(BIN)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --upgrade pip
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[figures]'
+	@echo "Compiling, once ..."
+	@$(BIN)/python -c "import geomesh.pipeline.mesh_scene, geomesh.arrays.jit; \
+		geomesh.arrays.jit.prepare_kernels(lambda: None)"
 	@touch $@
 
 $(BIN)/.developing: $(BIN)/.installed
@@ -61,6 +64,7 @@ lint: $(BIN)/.developing
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	PYTHONPATH=qgis_plugin $(BIN)/lint-imports --no-logo
 
 $(BIN)/.documenting: $(BIN)/.installed
 	@echo "Adding what the documentation needs ..."

@@ -70,7 +70,8 @@ import json, os, signal, sys, time
 def tell(event, **values):
     print(json.dumps({"event": event, **values}), flush=True)
 def start(**values):
-    tell("start", **{"protocol": 1, "pid": os.getpid(), **values})
+    prefix = f".geomesh-{os.getpid()}-"
+    tell("start", **{"protocol": 1, "pid": os.getpid(), "unfinished": prefix, **values})
 """
 
 

@@ -10,6 +10,7 @@ from qgis.PyQt.QtWidgets import QAction, QPushButton
 
 from . import settings
 from .engine.environment import EnvironmentProblem
+from .options.factory import OptionsFactory
 from .provider import ICON, GeomeshProvider
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class GeomeshPlugin:
     def __init__(self, iface: QgisInterface | None) -> None:
         self._iface = iface
         self._provider: GeomeshProvider | None = None
-        self._options: settings.OptionsFactory | None = None
+        self._options: OptionsFactory | None = None
         self._action: QAction | None = None
 
     def initProcessing(self) -> None:
@@ -37,7 +38,7 @@ class GeomeshPlugin:
     def initGui(self) -> None:
         """Add the toolbar button, the entry of the Raster menu and the options page."""
         self.initProcessing()
-        self._options = settings.OptionsFactory()
+        self._options = OptionsFactory()
         self._iface.registerOptionsWidgetFactory(self._options)
         action = QAction(QIcon(str(ICON)), "Raster to mesh…", self._iface.mainWindow())
         action.setObjectName("geomeshRasterToMesh")

@@ -1,13 +1,10 @@
-"""What the plugin keeps in the user's settings, and its page in Settings > Options."""
+"""What the plugin keeps in the user's settings."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from qgis.core import QgsApplication, QgsSettings
-from qgis.gui import QgsOptionsPageWidget, QgsOptionsWidgetFactory
-from qgis.PyQt.QtGui import QIcon
-from qgis.PyQt.QtWidgets import QWidget
 
 from .engine.environment import Installation, find
 
@@ -15,8 +12,6 @@ from .engine.environment import Installation, find
 PAGE = "geomeshOptions"
 
 _PYTHON = "geomesh/python"
-
-_ICON = Path(__file__).parent / "icon.svg"
 
 
 def python_setting() -> str:
@@ -46,16 +41,3 @@ def installation() -> Installation:
         If there is none that works.
     """
     return find(python_setting(), managed_folder())
-
-
-class OptionsFactory(QgsOptionsWidgetFactory):
-    """Makes the page whenever the options are opened."""
-
-    def __init__(self) -> None:
-        super().__init__("geomesh", QIcon(str(_ICON)))
-
-    def createWidget(self, parent: QWidget | None) -> QgsOptionsPageWidget:
-        """Make the page."""
-        from .options.page import OptionsPage
-
-        return OptionsPage(parent)

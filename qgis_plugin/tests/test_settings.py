@@ -18,8 +18,8 @@ from geomesh_qgis.engine import installing, managed
 from geomesh_qgis.engine.environment import MANAGED, SETTING, EnvironmentProblem, forget_versions
 from geomesh_qgis.options import page as options
 from geomesh_qgis.options import work
+from geomesh_qgis.options.factory import OptionsFactory
 from geomesh_qgis.options.page import OptionsPage
-from geomesh_qgis.settings import OptionsFactory
 
 PATIENCE = 30.0
 

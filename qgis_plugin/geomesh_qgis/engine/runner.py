@@ -23,6 +23,9 @@ __all__ = ["PROTOCOL", "Cancelled", "Outcome", "RunError", "clean_environment", 
 
 PROTOCOL = 1
 
+# A shorter beginning of a hidden folder's name might be that of somebody else's.
+_SHORTEST_PREFIX = 8
+
 
 class RunError(Exception):
     """A command failed; its text is one line.
@@ -112,8 +115,8 @@ def run(
                 raise
         finally:
             child.stop()
-            if heard.pid is not None and not heard.conclusive:
-                _sweep(places, heard.pid)
+            if heard.unfinished and not heard.conclusive:
+                _sweep(places, heard.unfinished)
     details = tuple(child.errors)
     if heard.errors:
         code, message = heard.errors[0]
@@ -127,7 +130,7 @@ def run(
 class _Heard:
     """What a command has told so far."""
 
-    pid: int | None = None
+    unfinished: str = ""
     starts: int = 0
     results: int = 0
     outputs: list[str] = field(default_factory=list)
@@ -163,8 +166,7 @@ def _hear(
     message = str(event.get("message", ""))
     if kind == "start":
         heard.starts += 1
-        pid = event.get("pid")
-        heard.pid = pid if isinstance(pid, int) else None
+        heard.unfinished = _folder_prefix(event.get("unfinished"))
         _check_protocol(event.get("protocol"))
     elif kind == "progress":
         fraction = event.get("fraction")
@@ -229,9 +231,16 @@ def describe_end(code: int | None) -> str:
     return f"exit code {hex(code)}" if code > 0xFFFF else f"exit code {code}"
 
 
-def _sweep(places: Iterable[Path], pid: int) -> None:
+def _folder_prefix(value: object) -> str:
+    """Return how the names of unfinished folders begin, if no other file could be meant."""
+    if not isinstance(value, str) or len(value) < _SHORTEST_PREFIX or not value.startswith("."):
+        return ""
+    return "" if set(value) & set("/\\*?[]") else value
+
+
+def _sweep(places: Iterable[Path], prefix: str) -> None:
     for place in places:
-        for folder in Path(place).glob(f".geomesh-{pid}-*"):
+        for folder in Path(place).glob(f"{prefix}*"):
             for _ in range(10):
                 shutil.rmtree(folder, ignore_errors=True)
                 if not folder.exists():
