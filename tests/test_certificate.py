@@ -17,6 +17,7 @@ from geomesh.errors import CertificateError
 from geomesh.mesh.certificate import Certificate, DomainFacts
 from geomesh.mesh.certify import certify
 from geomesh.mesh.topology import build_edges, neighbours
+from support.geometry import exact_incircle
 
 # What tells the checks apart in their names.
 NODES = "nodes are finite"
@@ -496,17 +497,6 @@ def test_a_hull_need_not_be_constrained_but_must_be_covered(good: Case) -> None:
 
 
 # Against exact arithmetic
-
-
-def exact_incircle(nodes: np.ndarray, triangle: np.ndarray, query: int) -> int:
-    """Return the in-circle determinant of integer points, in Python's exact integers."""
-    qx, qy = map(int, nodes[query])
-    rows = []
-    for x, y in nodes[triangle].tolist():
-        dx, dy = int(x) - qx, int(y) - qy
-        rows.append((dx, dy, dx * dx + dy * dy))
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 @st.composite

@@ -17,18 +17,17 @@ import click
 import pyogrio
 import pytest
 from click.testing import CliRunner
-from conftest import SAMPLES
 
 import geomesh
 from geomesh.cli import cli
+from support.samples import OLINDA, ROOT, SAMPLES
 
-ROOT = Path(__file__).parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))]
 
 
 def test_the_readme_example_runs(tmp_path, monkeypatch):
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    shutil.copy(SAMPLES / "olinda_landsat7_rgb_uint8.tif", tmp_path / "scene.tif")
+    shutil.copy(OLINDA, tmp_path / "scene.tif")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     names = {}
@@ -41,7 +40,7 @@ def test_the_cluster_example_runs(tmp_path):
     (code,) = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "large-rasters.md").read_text(), re.DOTALL
     )
-    scene = shutil.copy(SAMPLES / "olinda_landsat7_rgb_uint8.tif", tmp_path / "scene.tif")
+    scene = shutil.copy(OLINDA, tmp_path / "scene.tif")
     # A file of its own: the workers' processes import it.
     (tmp_path / "example.py").write_text(code)
     subprocess.run([sys.executable, "example.py"], cwd=tmp_path, check=True, timeout=300)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import rasterio
 from affine import Affine
-from conftest import SAMPLES, mirrored
 from geopandas import GeoSeries
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from rasterio.io import MemoryFile
@@ -27,6 +26,7 @@ from geomesh.surface.fit import fit_surface
 from geomesh.surface.original import open_original
 from geomesh.zonal import statistics as zonal
 from geomesh.zonal.rasterize import find_owners
+from support.samples import OLINDA, SAMPLES, mirrored
 
 MODELS = ("linear", "constant")
 FITS = ("sampled", "least_squares")
@@ -47,7 +47,7 @@ def _quiet():
 
 @pytest.fixture(scope="module")
 def mesh():
-    return geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=500)
+    return geomesh.mesh_raster(OLINDA, nodes=500)
 
 
 def read(path, **options):
@@ -122,7 +122,7 @@ def test_the_peak_of_a_dem_is_the_range_of_its_valid_pixels():
 
 
 def test_bands_count_by_their_own_range_in_the_overall_psnr():
-    bands = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 90, 80)[:2].astype(float)
+    bands = mirrored(OLINDA, 90, 80)[:2].astype(float)
     bands[1] = bands[0] * 1000 - 7
     source = (bands, NORTH_UP, UTM)
     found = geomesh.mesh_raster(source).psnr(source)
@@ -315,7 +315,7 @@ def test_bands_are_those_of_the_mesh_in_their_order_or_as_asked(tmp_path):
     other = mesh.psnr(path, bidx=[1])
     assert len(other.psnr) == 1
     with pytest.raises(BandError, match=r"band 5 does not exist: .*bands 5,2,3: .*--bidx"):
-        mesh.psnr(SAMPLES / "olinda_landsat7_rgb_uint8.tif")
+        mesh.psnr(OLINDA)
     with pytest.raises(BandError, match=r"band 9 does not exist: .* has bands 1 to 6$"):
         mesh.psnr(path, bidx=[9])
 
@@ -331,7 +331,7 @@ def test_the_nodata_value_given_for_the_mesh_holds(olinda):
 
 def test_palettes_are_compared_as_colours(tmp_path):
     path = tmp_path / "palette.tif"
-    index = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 90, 80)[:1]
+    index = mirrored(OLINDA, 90, 80)[:1]
     profile = {"width": 90, "height": 80, "count": 1, "dtype": "uint8", "photometric": "palette"}
     with rasterio.open(path, "w", crs=UTM, transform=NORTH_UP, **profile) as dataset:
         dataset.write(index)

@@ -5,17 +5,17 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from conftest import SAMPLES
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
-from test_triangulate import area, as_sets, assert_delaunay, exact_incircle
 
 import geomesh
 from geomesh.delaunay import kd_split as kd
 from geomesh.delaunay import ties, tiled, triangulate
 from geomesh.errors import CertificateError
 from geomesh.mesh.topology import boundary_edges
+from support.geometry import area, as_sets, assert_delaunay, exact_incircle
+from support.samples import SAMPLES
 
 TILES = (2, 30, 400)
 
