@@ -243,13 +243,14 @@ class MeshWriter:
     @contextmanager
     def _one_line_failures(self) -> Iterator[None]:
         """Raise OutputError for what a library says of a failed write, and pass on all else."""
-        with writing_to(self._target, *_failed_writes()):
-            try:
-                yield
-            except Exception:
-                for stream in self._streams.values():
-                    if stream.failure is not None:
-                        raise stream.failure from None
+        try:
+            yield
+        except Exception:
+            for stream in self._streams.values():
+                if stream.failure is not None:
+                    raise stream.failure from None
+            # Only now: the libraries that may have raised it take half a second to import.
+            with writing_to(self._target, *_failed_writes()):
                 raise
 
 
