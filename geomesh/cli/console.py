@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -139,6 +140,17 @@ def open_console(style: str | None, *, quiet: bool = False) -> Console:
     return JsonLines() if style == "jsonl" else People(bar=style == "bar", quiet=quiet)
 
 
+def _in_options(message: str) -> str:
+    """Call the parameters that a message of the library names, in `...`, as the command does."""
+    context = click.get_current_context(silent=True)
+    options = {
+        parameter.name: max(parameter.opts, key=len)
+        for parameter in (context.command.params if context is not None else ())
+        if isinstance(parameter, click.Option)
+    }
+    return re.sub(r"`(\w+)`", lambda found: options.get(found[1], found[0]), message)
+
+
 @contextmanager
 def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str]]:
     """Turn errors into one line (kept in the list that is yielded) and warnings into messages.
@@ -149,7 +161,7 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, GeomeshWarning) or debug:
-            console.warn(f"{about}{message}")
+            console.warn(f"{about}{_in_options(str(message))}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", GeomeshWarning)
@@ -157,8 +169,8 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
         try:
             yield failures
         except GeomeshError as error:
-            failures.append(str(error))
-            console.error(error.code, str(error))
+            failures.append(_in_options(str(error)))
+            console.error(error.code, failures[-1])
             if debug:
                 raise
         except (KeyboardInterrupt, SystemExit):
