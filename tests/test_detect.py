@@ -23,7 +23,7 @@ from support.samples import OLINDA, SAMPLES, mirrored
 def detect(image, recipe):
     """Detect with a workers of two."""
     with open_workers(2) as workers:
-        return stage.detect(image, recipe, workers, lambda _fraction, _message: None)
+        return stage.detect_keypoints(image, recipe, workers, lambda _fraction, _message: None)
 
 
 @pytest.fixture(scope="module")

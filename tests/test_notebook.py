@@ -22,8 +22,9 @@ from geomesh.arrays.table import Table
 from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
 from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.raster.grid import Grid
+from geomesh.recipe import Recipe
 from geomesh.view.thumbnail import thumbnail
-from support.meshes import ORIENTATIONS, frame_mesh
+from support.meshes import ORIENTATIONS, frame_mesh, provenance
 from support.samples import OLINDA
 
 GEOGRAPHIC = Grid(40, 30, Affine(0.01, 0, 10, 0, -0.01, 60.15), CRS(4326))
@@ -136,7 +137,7 @@ def test_names_and_warnings_cannot_become_html():
     said = '<script>alert("1")</script> & <b>'
     mesh = replace(
         frame_mesh(ORIENTATIONS["north-up"]),
-        metadata={"source": {"name": said}, "warnings": [said], "recipe": {"preset": said}},
+        provenance=provenance(recipe=Recipe(preset=said), name=said, warnings=(said,)),
     )
     html = mesh._repr_html_()
     _, text = told_by(html)
@@ -152,7 +153,7 @@ def test_a_mesh_of_a_file_tells_the_same(olinda, tmp_path):
 
 def test_a_mesh_with_little_to_tell_tells_it():
     mesh = frame_mesh(ORIENTATIONS["no georeference"])
-    _, text = told_by(replace(mesh, metadata={})._repr_html_())
+    _, text = told_by(replace(mesh, provenance=None)._repr_html_())
     assert "Source 40 × 30 pixels CRS none Bounds" in text
     empty = replace(mesh, triangles=mesh.triangles[:0], triangle_table=Table({}))
     _, text = told_by(empty._repr_html_())

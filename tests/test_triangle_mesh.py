@@ -20,9 +20,10 @@ from geomesh import Mesh
 from geomesh.arrays.table import Table
 from geomesh.errors import MissingExtraError
 from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.provenance import PixelCounts
 from geomesh.parameters import LAYERS
 from geomesh.raster.grid import Grid
-from support.meshes import HEIGHT, ORIENTATIONS, WIDTH, frame_mesh
+from support.meshes import HEIGHT, ORIENTATIONS, WIDTH, frame_mesh, provenance
 
 TRIANGLE_COLUMNS = [
     *("id", "n0", "n1", "n2", "area", "ab", "bc", "ca", "ki", "min_angle", "shape", "count"),
@@ -59,7 +60,7 @@ def arrays_of(mesh: Mesh) -> dict[str, np.ndarray]:
 # A value
 
 
-@pytest.mark.parametrize("name", ["nodes", "triangles", "grid", "metadata", "new"])
+@pytest.mark.parametrize("name", ["nodes", "triangles", "grid", "metadata", "provenance", "new"])
 def test_a_mesh_refuses_new_values(name: str, mesh: Mesh) -> None:
     with pytest.raises(FrozenInstanceError):
         setattr(mesh, name, None)
@@ -80,13 +81,13 @@ def test_the_metadata_of_a_mesh_refuse_writes(mesh: Mesh) -> None:
 def test_a_mesh_does_not_change_with_the_callers_arrays() -> None:
     nodes = np.array([(0, 0), (40, 0), (0, 30)], float)
     triangles = np.array([[0, 2, 1]], np.int32)
-    metadata = {"name": "one"}
+    versions = {"geomesh": "0"}
     mesh = Mesh(nodes, triangles, ORIENTATIONS["north-up"], DomainFacts("hull", 600, 1, 0, 600),
-                metadata=metadata)  # fmt: skip
-    nodes[0], triangles[0], metadata["name"] = 99, 0, "other"
+                provenance=provenance(versions=versions))  # fmt: skip
+    nodes[0], triangles[0], versions["geomesh"] = 99, 0, "1"
     assert mesh.nodes[0].tolist() == [0, 0]
     assert mesh.triangles.tolist() == [[0, 2, 1]]
-    assert mesh.metadata["name"] == "one"
+    assert mesh.metadata["versions"] == {"geomesh": "0"}
 
 
 def test_arrays_have_the_types_of_the_design() -> None:
@@ -174,8 +175,8 @@ def test_a_mesh_turned_the_wrong_way_fails_on_every_grid(placed: Mesh) -> None:
 
 def test_pixel_counts_of_the_metadata_are_certified(mesh: Mesh) -> None:
     pixels = WIDTH * HEIGHT
-    right = replace(mesh, metadata={"pixels": {"covered": pixels, "counted": pixels}})
-    wrong = replace(mesh, metadata={"pixels": {"covered": pixels - 1, "counted": pixels - 1}})
+    right = replace(mesh, provenance=provenance(pixels=PixelCounts(pixels, pixels)))
+    wrong = replace(mesh, provenance=provenance(pixels=PixelCounts(pixels - 1, pixels - 1)))
     assert right.certify().passed
     assert not wrong.certify().passed
 

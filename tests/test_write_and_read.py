@@ -25,17 +25,19 @@ from affine import Affine
 from pyproj import CRS, Transformer
 
 from geomesh import Mesh
+from geomesh.arrays.plain import plain_json
 from geomesh.arrays.table import Table
 from geomesh.errors import CertificateError, GeoreferenceError, MeshFileError, OutputError
 from geomesh.formats import arrow, batch_stream
 from geomesh.formats.registry import find_format
 from geomesh.io.read import read_mesh
 from geomesh.io.write import check_output, write_mesh
+from geomesh.mesh.provenance import CannyThresholds, PixelCounts
 from geomesh.mesh.topology import boundary_edges, edge_keys
 from geomesh.parameters import LAYERS
 from geomesh.raster.grid import Grid
 from support.files import assert_same, hidden, mounted, read_layer
-from support.meshes import GEOREFERENCES, lattice_mesh, random_mesh, two_triangles
+from support.meshes import GEOREFERENCES, lattice_mesh, provenance, random_mesh, two_triangles
 from support.rasters import GEOSTATIONARY
 from support.samples import SAMPLES
 
@@ -165,11 +167,23 @@ def test_metadata_travels_in_every_format(tmp_path: Path, extension: str) -> Non
 
 
 def test_metadata_is_valid_json_whatever_numbers_it_holds(tmp_path: Path) -> None:
-    source = {"nodata": float("nan"), "size": np.int64(3), 5: (np.float32(0.5), float("inf"))}
-    mesh = replace(two_triangles(), metadata={"source": source})
-    path = write_mesh(mesh, tmp_path / "mesh.geojson")
-    document = json.loads(path.read_text(), parse_constant=pytest.fail)
-    assert document["geomesh"]["source"] == {"nodata": None, "size": 3, "5": [0.5, None]}
+    made = provenance(
+        pixels=PixelCounts(np.int64(16), np.int64(16)),
+        canny=CannyThresholds(np.float32(0.5), float("inf")),
+        window=(np.int64(3), 0, 4, 4),
+        nodata=float("nan"),
+    )
+    path = write_mesh(replace(two_triangles(), provenance=made), tmp_path / "mesh.geojson")
+    document = json.loads(path.read_text(), parse_constant=pytest.fail)["geomesh"]
+    assert document["pixels"] == {"covered": 16, "counted": 16}
+    assert document["canny"] == {"low": 0.5, "high": None}
+    assert document["source"]["window"] == [3, 0, 4, 4]
+    assert document["source"]["nodata"] == "nan"
+
+
+def test_plain_values_are_those_of_json() -> None:
+    values = {"nodata": float("nan"), "size": np.int64(3), 5: (np.float32(0.5), float("inf"))}
+    assert plain_json(values) == {"nodata": None, "size": 3, "5": [0.5, None]}
 
 
 def test_geoparquet_can_be_read_by_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
