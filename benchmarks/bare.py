@@ -164,11 +164,11 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
     """Write ready batches of the three layers into one GeoPackage with spatial indexes."""
     import pyarrow as pa
     import pyogrio
-    from geomesh.formats.stream import BATCH_ROWS
 
     from geomesh.formats.arrow import Layer
-    from geomesh.formats.format import GPKG
-    from geomesh.mesh.triangle_mesh import LAYERS
+    from geomesh.formats.batch_stream import BATCH_ROWS
+    from geomesh.formats.geopackage import DATASET_OPTIONS, GPKG, LAYER_OPTIONS
+    from geomesh.parameters import LAYERS
 
     mesh, path = kept.load(kept.mesh), kept.folder / "bare.gpkg"
     path.unlink(missing_ok=True)
@@ -188,8 +188,8 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
             geometry_name=GPKG.geometry,
             geometry_type=geometry_type,
             crs=crs,
-            dataset_options=dict(GPKG.dataset_options),
-            layer_options=dict(GPKG.layer_options),
+            dataset_options=dict(DATASET_OPTIONS),
+            layer_options=dict(LAYER_OPTIONS),
         )
     seconds = perf_counter() - start
     path.unlink()

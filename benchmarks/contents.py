@@ -11,7 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 from geomesh import read_mesh
-from geomesh.mesh.triangle_mesh import LAYERS
+from geomesh.parameters import LAYERS
 
 
 def digest(path: Path) -> str:

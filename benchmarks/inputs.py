@@ -9,12 +9,20 @@ from affine import Affine
 from numpy.typing import NDArray
 from pyproj import CRS
 
+from geomesh import Mesh
 from geomesh.arrays.table import Table
 from geomesh.delaunay.triangulate import constrained_delaunay
 from geomesh.mesh.certificate import DomainFacts
-from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.mesh.provenance import (
+    CannyThresholds,
+    PixelCounts,
+    Provenance,
+    SourceBand,
+    SourceRaster,
+)
 from geomesh.parallel.tiles import plan_tiles
 from geomesh.raster.grid import Grid
+from geomesh.recipe import Recipe
 from geomesh.zonal.columns import triangle_columns
 from geomesh.zonal.statistics import Statistics, measure_tile, merge
 
@@ -73,15 +81,24 @@ def mesh(triangles: int, size: int) -> Mesh:
     faces, _ = constrained_delaunay(points, segments)
     faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # rows run down: the map is flipped
     stats = statistics(points, faces, image(size))
-    pixels = size * size
+    pixels, names = size * size, ["b1", "b2", "b3"]
+    bands = tuple(SourceBand(name, index, None) for index, name in enumerate(names, start=1))
+    made = Provenance(
+        Recipe(),
+        SourceRaster("hills and noise", (0, 0, size, size), bands, nodata=None, area=None),
+        PixelCounts(pixels, int(stats.count.sum())),
+        CannyThresholds(0.0, 0.0),
+        warnings=(),
+        versions={},
+    )
     return Mesh(
         nodes=points,
         triangles=faces,
         grid=Grid(size, size, Affine(10, 0, 500_000, 0, -10, 7_000_000), CRS("EPSG:32723")),
         domain=DomainFacts("image", float(pixels), 1, 0, pixels, pixels),
         constraints=segments,
-        triangle_table=Table(triangle_columns(stats, ["b1", "b2", "b3"])),
-        metadata={"pixels": {"covered": pixels, "counted": int(stats.count.sum())}},
+        triangle_table=Table(triangle_columns(stats, names)),
+        provenance=made,
     )
 
 

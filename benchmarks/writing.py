@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyogrio
-from geomesh.formats.stream import BatchStream
 
 from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.formats.arrow import Layer
-from geomesh.formats.format import GPKG, LayerFile
-from geomesh.io.layer import _write_gdal
+from geomesh.formats.batch_stream import BatchStream
+from geomesh.formats.format import LayerFile
+from geomesh.formats.geopackage import GPKG
+from geomesh.io.gdal_process import write_arrow
 from geomesh.io.write import write_mesh
-from geomesh.mesh.triangle_mesh import LayerName
+from geomesh.parameters import LayerName
 
 EXPECTED = 1.5
 LAYER: LayerName = "triangles"
@@ -51,9 +54,8 @@ def run(*, quick: bool) -> Iterator[Row]:
 
         def step() -> None:
             one.unlink(missing_ok=True)
-            _write_gdal(
-                layer, LayerFile(mesh, LAYER, one, GPKG, "{}"), BatchStream(SimpleQueue()), None
-            )
+            file = LayerFile(mesh, LAYER, one, GPKG, "{}")
+            GPKG.write(layer, file, BatchStream(SimpleQueue()), _write_rows)
 
         def step_peer() -> None:
             other.unlink(missing_ok=True)
@@ -63,6 +65,13 @@ def run(*, quick: bool) -> Iterator[Row]:
         agree, evidence = _compare(one, other)
         expected = None if quick else EXPECTED
         yield Row(f"{case}, write alone", "to_file", ours, theirs, expected, agree, evidence)
+
+
+def _write_rows(
+    schema: pa.Schema, batches: Iterator[pa.RecordBatch], options: Mapping[str, Any]
+) -> None:
+    """Write in this process, as the peer does."""
+    write_arrow(pa.RecordBatchReader.from_batches(schema, batches), options)
 
 
 def _compare(one: Path, other: Path) -> tuple[bool, str]:

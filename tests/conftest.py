@@ -1,9 +1,11 @@
-"""Fixtures that several test files share: the real samples, and larger images made from them."""
+"""Fixtures that several test files share, and settings of all tests."""
 
 from __future__ import annotations
 
-import hashlib
-import json
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,10 @@ import pytest
 import rasterio
 from hypothesis import HealthCheck, settings
 
-SAMPLES = Path(__file__).parent.parent / "data_samples"
+from geomesh.cli import main
+from support.commands import Geomesh, Run
+from support.files import mounted
+from support.samples import OLINDA, SAMPLES
 
 # Timing on shared machines says nothing; the first example of a kernel compiles it.
 settings.register_profile(
@@ -41,49 +46,38 @@ def sample(request: pytest.FixtureRequest) -> Path:
 
 @pytest.fixture(scope="session")
 def olinda() -> Path:
-    return SAMPLES / "olinda_landsat7_rgb_uint8.tif"
+    return OLINDA
 
 
-def mirrored(path: Path, width: int, height: int) -> np.ndarray:
-    """Bands (B, height, width) of a raster, continued beyond its borders by reflection."""
-    with rasterio.open(path) as dataset:
-        bands = dataset.read()
-    _, rows, cols = bands.shape
-    row = np.abs((np.arange(height) + rows) % (2 * rows) - rows)
-    col = np.abs((np.arange(width) + cols) % (2 * cols) - cols)
-    return bands[:, np.minimum(row, rows - 1)[:, None], np.minimum(col, cols - 1)]
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Geomesh:
+    """The command line in this process; what C libraries print is seen as well."""
+    terminate = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(sys, "argv", sys.argv)
+
+    def run(*arguments: str | Path) -> Run:
+        sys.argv = ["geomesh", *map(str, arguments)]
+        capfd.readouterr()
+        try:
+            with pytest.raises(SystemExit) as stop:
+                main()
+        finally:
+            signal.signal(signal.SIGTERM, terminate)
+        return Run(int(stop.value.code or 0), *capfd.readouterr())
+
+    return run
 
 
-def write_mirrored(target: Path, name: str, width: int, height: int, **profile: Any) -> Path:
-    """Write a sample, continued by reflection, as a tiled GeoTIFF, and return its path."""
-    with rasterio.open(SAMPLES / name) as dataset:
-        profile = dataset.profile | {
-            "width": width,
-            "height": height,
-            "tiled": True,
-            "blockxsize": 256,
-            "blockysize": 256,
-            "compress": "deflate",
-            **profile,
-        }
-    with rasterio.open(target, "w", **profile) as dataset:
-        dataset.write(mirrored(SAMPLES / name, width, height))
-    return target
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
+    """A folder where 200 kB can be written, and options to run a program with.
 
+    A disk of that size where one may be mounted, else a limit on the size of files.
+    """
+    import resource  # not on Windows
 
-def fingerprint(mesh: Any) -> dict[str, str]:
-    """A hash of each array of a mesh, of what is known of its shape, and of its metadata."""
-    arrays = {"nodes": mesh.nodes, "triangles": mesh.triangles, "constraints": mesh.constraints}
-    for layer in ("triangles", "edges", "nodes"):
-        arrays |= {f"{layer}.{name}": column for name, column in mesh.attributes(layer).items()}
-    texts = {
-        "metadata": json.dumps(dict(mesh.metadata), sort_keys=True),
-        "shape": f"{mesh.grid} {mesh.domain} {mesh.plane_size}",
-    }
-    hashed = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
-    for name, array in arrays.items():
-        array = np.ascontiguousarray(array)
-        about = f"{array.dtype.str}{array.shape}".encode()
-        content = json.dumps(array.tolist()).encode() if array.dtype == object else array.tobytes()
-        hashed[name] = hashlib.sha256(about + content).hexdigest()
-    return hashed
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (200_000, 200_000))
+    with mounted(folder, "200k") as done:
+        yield folder, {} if done else {"preexec_fn": limit}

@@ -9,13 +9,11 @@ from __future__ import annotations
 import json
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -23,27 +21,13 @@ from typing import Any, NoReturn
 import geopandas as gpd
 import pytest
 import shapely
-from test_bad_input import (
-    NORTH_UP,
-    OLD,
-    UTM,
-    Geomesh,
-    Run,
-    assert_refused,
-    command,
-    picture,
-    snapshot,
-    write,
-)
 
 import geomesh
 from geomesh.errors import GeomeshError, OutputError
 from geomesh.io.atomic import staged
 from geomesh.io.read import read_mesh
-
-__all__ = ["command"]  # a fixture, used by its name
-
-PROGRAM = (sys.executable, "-c", "from geomesh.cli import main; main()")
+from support.commands import OLD, PROGRAM, Geomesh, Run, assert_refused, run_program, snapshot
+from support.rasters import NORTH_UP, UTM, picture, write_raster
 
 # Where to write, beside the raster "scene.tif": OUT, further arguments, and how it is refused.
 PLACES: dict[str, tuple[str, tuple[str, ...], str]] = {
@@ -109,7 +93,7 @@ def test_bad_places_are_refused_and_nothing_is_lost(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("scene.tif", "other.tif"):
-        write(tmp_path, name)
+        write_raster(tmp_path, name)
     Path("link.gpkg").symlink_to("scene.tif")
     area = shapely.box(NORTH_UP.c, NORTH_UP.f - 600, NORTH_UP.c + 600, NORTH_UP.f)
     gpd.GeoSeries([area], crs=UTM).to_file("aoi.gpkg")
@@ -123,7 +107,7 @@ def test_bad_places_are_refused_and_nothing_is_lost(
 def test_an_exclamation_mark_is_fine_in_a_name_and_refused_in_a_folder(
     tmp_path: Path, command: Geomesh
 ) -> None:
-    source, output = write(tmp_path), tmp_path / "wow!.gpkg"
+    source, output = write_raster(tmp_path), tmp_path / "wow!.gpkg"
     assert command("mesh", source, "-o", output).code == 0
     assert read_mesh(output).certify().passed
     folder = tmp_path / "so! sharp"
@@ -137,7 +121,7 @@ def test_an_exclamation_mark_is_fine_in_a_name_and_refused_in_a_folder(
 def test_existing_output_is_kept_or_replaced_whole(
     tmp_path: Path, extension: str, command: Geomesh
 ) -> None:
-    source, output = write(tmp_path), tmp_path / f"mesh{extension}"
+    source, output = write_raster(tmp_path), tmp_path / f"mesh{extension}"
     output.write_bytes(OLD)
     error = command("mesh", source, "-o", output).error()
     assert "exists; use --overwrite" in error
@@ -152,7 +136,7 @@ def test_existing_output_is_kept_or_replaced_whole(
 
 
 def test_folder_takes_the_mesh_of_one_source(tmp_path: Path, command: Geomesh) -> None:
-    source = write(tmp_path)
+    source = write_raster(tmp_path)
     (tmp_path / "mesh.gpkg").mkdir()
     assert command("mesh", source, "-o", tmp_path / "mesh.gpkg").code == 0
     assert read_mesh(tmp_path / "mesh.gpkg" / "scene.gpkg").certify().passed
@@ -163,7 +147,7 @@ def test_folder_takes_the_mesh_of_one_source(tmp_path: Path, command: Geomesh) -
 @pytest.mark.parametrize("name", NAMES)
 def test_odd_names_are_names(tmp_path: Path, name: str, command: Geomesh) -> None:
     folder = tmp_path / name
-    source = write(folder, f"{name}.tif")
+    source = write_raster(folder, f"{name}.tif")
     for extension in (".gpkg", ".geojson"):
         output = folder / f"{name}{extension}"
         run = command("mesh", "-o", output, source)
@@ -180,7 +164,7 @@ def test_names_that_look_like_options_follow_two_dashes(
     tmp_path: Path, name: str, command: Geomesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write(tmp_path, name)
+    write_raster(tmp_path, name)
     assert command("mesh", "-o", "mesh.gpkg", "--", name).code == 0
     assert read_mesh("mesh.gpkg").certify().passed
 
@@ -203,45 +187,15 @@ def test_names_that_are_no_line_of_text_are_told_in_one(
 # ---------------------------------------------------------------- programs of their own
 
 
-def run_program(*arguments: str | Path, **options: Any) -> Run:
-    done = subprocess.run(
-        [*PROGRAM, "mesh", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        **options,
-    )
-    return Run(done.returncode, done.stdout, done.stderr)
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
-    """A folder where 200 kB can be written, and options to run a program with.
-
-    A disk of that size where one may be mounted, else a limit on the size of files.
-    """
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
-    mounted = False
-    if shutil.which("mount"):
-        mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
-    limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (200_000, 200_000))
-    yield folder, {} if mounted else {"preexec_fn": limit}
-    if mounted:
-        subprocess.run(["umount", str(folder)], check=True)
-
-
 @pytest.mark.parametrize("extension", [".gpkg", ".geojson"])
 def test_full_disk_is_told_in_one_line(
     tmp_path: Path, small_disk: tuple[Path, Mapping[str, Any]], extension: str
 ) -> None:
     folder, options = small_disk
-    source = write(tmp_path, data=picture(3, 300, 300))
+    source = write_raster(tmp_path, data=picture(3, 300, 300))
     output = folder / f"mesh{extension}"
     output.write_bytes(OLD)
-    error = run_program(source, "-o", output, "--overwrite", **options).error()
+    error = run_program("mesh", source, "-o", output, "--overwrite", **options).error()
     assert f"{output} could not be written: " in error
     assert "free some space or choose another folder" in error
     assert snapshot(folder) == {output.name: OLD}
@@ -249,10 +203,10 @@ def test_full_disk_is_told_in_one_line(
 
 def test_program_tells_errors_in_one_line(tmp_path: Path) -> None:
     """As a user sees it: what the libraries print is not caught by any test here."""
-    source = Path(write(tmp_path, data=picture(3, 600, 700), tiled=True, compress="deflate"))
+    source = Path(write_raster(tmp_path, data=picture(3, 600, 700), tiled=True, compress="deflate"))
     source.write_bytes(source.read_bytes()[:200_000])
     before = snapshot(tmp_path)
-    error = run_program(source, "-o", tmp_path / "mesh.gpkg").error()
+    error = run_program("mesh", source, "-o", tmp_path / "mesh.gpkg").error()
     assert re.search(r"scene.tif: cannot read columns \d+ to \d+, rows \d+ to \d+", error)
     assert snapshot(tmp_path) == before
 
@@ -261,7 +215,7 @@ def test_program_tells_errors_in_one_line(tmp_path: Path) -> None:
 def scene(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A raster of several tiles, whose mesh takes a while to write."""
     folder = tmp_path_factory.mktemp("scene")
-    return write(folder, data=picture(3, 1200, 1200), photometric="rgb")
+    return write_raster(folder, data=picture(3, 1200, 1200), photometric="rgb")
 
 
 def stop_when(message: str, number: int, source: str, output: Path) -> Run:
@@ -346,13 +300,13 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path, scene: str) -> None:
     assert output.read_bytes() == OLD
     # What it left behind lies in a hidden folder, and does not disturb the next run.
     assert [path.name[:9] for path in tmp_path.iterdir() if path != output] == [".geomesh-"]
-    assert run_program(write(tmp_path), "-o", output, "--overwrite").code == 0
+    assert run_program("mesh", write_raster(tmp_path), "-o", output, "--overwrite").code == 0
 
 
 @pytest.mark.parametrize("style", ["none", "jsonl"])
 def test_reader_of_the_output_may_stop_reading(tmp_path: Path, style: str) -> None:
     """As in `geomesh mesh ... | head -0`."""
-    source, output = write(tmp_path), tmp_path / "mesh.gpkg"
+    source, output = write_raster(tmp_path), tmp_path / "mesh.gpkg"
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run(

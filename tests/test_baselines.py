@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from conftest import SAMPLES
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -22,6 +21,7 @@ from geomesh.evaluate.baselines import (
 )
 from geomesh.features.canny import automatic_thresholds
 from geomesh.raster.open import open_scene
+from support.samples import SAMPLES
 
 NAMES = list(baselines())
 ONES = np.ones((64, 64), np.bool_)

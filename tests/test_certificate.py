@@ -16,7 +16,9 @@ from scipy.spatial import Delaunay
 from geomesh.errors import CertificateError
 from geomesh.mesh.certificate import Certificate, DomainFacts
 from geomesh.mesh.certify import certify
+from geomesh.mesh.provenance import PixelCounts
 from geomesh.mesh.topology import build_edges, neighbours
+from support.geometry import exact_incircle
 
 # What tells the checks apart in their names.
 NODES = "nodes are finite"
@@ -41,7 +43,7 @@ class Case(NamedTuple):
     domain: DomainFacts
     plane_scale: tuple[float, float] = (1.0, 1.0)
     counter_clockwise: bool = True
-    pixels: tuple[int | None, int | None] = (SIDE * SIDE, SIDE * SIDE)
+    pixels: PixelCounts | None = PixelCounts(SIDE * SIDE, SIDE * SIDE)
 
     def certify(self) -> Certificate:
         return certify(
@@ -51,8 +53,7 @@ class Case(NamedTuple):
             plane_scale=self.plane_scale,
             counter_clockwise=self.counter_clockwise,
             domain=self.domain,
-            covered_pixels=self.pixels[0],
-            counted_pixels=self.pixels[1],
+            pixels=self.pixels,
         )
 
 
@@ -83,7 +84,9 @@ def framed(inner: np.ndarray, side: int = SIDE, step: int = 8) -> Case:
     nodes = np.concatenate([frame, inner]).astype(np.float64)
     domain = DomainFacts("image", float(side * side), 1, 0, side * side, side * side)
     loop = np.column_stack([ids, np.roll(ids, -1)])
-    return Case(nodes, ccw_delaunay(nodes), loop, domain, pixels=(side * side, side * side))
+    return Case(
+        nodes, ccw_delaunay(nodes), loop, domain, pixels=PixelCounts(side * side, side * side)
+    )
 
 
 def random_inner(seed: int, count: int = 60) -> np.ndarray:
@@ -216,7 +219,7 @@ def test_a_constrained_edge_need_not_be_delaunay(good: Case) -> None:
     forced = np.array(sorted(after - before), np.int32)
     # Only a hull may have constraints besides its outline.
     hull = good._replace(triangles=flipped, domain=replace(good.domain, kind="hull", pixels=None))
-    unforced = hull._replace(constraints=np.empty((0, 2), np.int32), pixels=(None, None))
+    unforced = hull._replace(constraints=np.empty((0, 2), np.int32), pixels=None)
     assert failed(unforced) == {DELAUNAY}
     assert failed(unforced._replace(constraints=forced)) == set()
 
@@ -235,7 +238,7 @@ def test_a_slit_passes_though_its_long_side_is_not_delaunay() -> None:
         [(0, 1, 5), (1, 2, 4), (1, 4, 5), (2, 3, 4), (5, 6, 7), (0, 5, 7)], np.int32
     )
     domain = DomainFacts("valid", 1600 - 15, 1, 0, 1585, 1585)
-    case = Case(nodes, triangles, loop, domain, pixels=(1585, 1585))
+    case = Case(nodes, triangles, loop, domain, pixels=PixelCounts(1585, 1585))
     assert failed(case) == set()
     unconstrained = build_edges(ccw_delaunay(nodes)).nodes.tolist()
     assert [5, 6] not in unconstrained
@@ -246,7 +249,9 @@ def two_squares_that_touch() -> Case:
     nodes = np.array([(0, 0), (4, 0), (4, 4), (0, 4), (8, 4), (8, 8), (4, 8)], float)
     triangles = np.array([(0, 1, 2), (0, 2, 3), (2, 4, 5), (2, 5, 6)], np.int32)
     loops = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (2, 4), (4, 5), (5, 6), (6, 2)], np.int32)
-    return Case(nodes, triangles, loops, DomainFacts("valid", 32, 2, 0, 32, 32), pixels=(32, 32))
+    return Case(
+        nodes, triangles, loops, DomainFacts("valid", 32, 2, 0, 32, 32), pixels=PixelCounts(32, 32)
+    )
 
 
 def test_islands_that_touch_in_a_node_pass() -> None:
@@ -263,13 +268,15 @@ def test_a_frame_with_a_hole_passes_and_its_hole_is_counted() -> None:
         [(0, 1, 4), (1, 7, 4), (1, 2, 7), (2, 6, 7), (2, 3, 6), (3, 5, 6), (3, 0, 5), (0, 4, 5)],
         np.int32,
     )
-    case = Case(nodes, triangles, loops, DomainFacts("valid", 72, 1, 1, 72, 72), pixels=(72, 72))
+    case = Case(
+        nodes, triangles, loops, DomainFacts("valid", 72, 1, 1, 72, 72), pixels=PixelCounts(72, 72)
+    )
     assert failed(case) == set()
     assert failed(case._replace(domain=replace(case.domain, holes=0))) == {EULER}
 
 
 def test_without_pixel_counts_the_certificate_says_so(good: Case) -> None:
-    certificate = good._replace(pixels=(None, None)).certify()
+    certificate = good._replace(pixels=None).certify()
     assert certificate.passed
     (check,) = [check for check in certificate.checks if PIXELS in check.name]
     assert "not checked" in check.detail
@@ -308,7 +315,9 @@ def duplicated_corner_triangle(case: Case) -> Case:
     nodes = np.array([(0, 0), (4, 0), (4, 4), (0, 4)], float)
     loop = np.array([(0, 1), (1, 2), (2, 3), (3, 0)], np.int32)
     triangles = np.array([(0, 1, 2), (0, 2, 3), (0, 1, 2)], np.int32)
-    return Case(nodes, triangles, loop, DomainFacts("image", 16, 1, 0, 16, 16), pixels=(16, 16))
+    return Case(
+        nodes, triangles, loop, DomainFacts("image", 16, 1, 0, 16, 16), pixels=PixelCounts(16, 16)
+    )
 
 
 def triangle_on_top(case: Case) -> Case:
@@ -342,7 +351,7 @@ def winds_twice(case: Case) -> Case:
         triangles,
         loop,
         DomainFacts("valid", area, 1, 0, 260, 260),
-        pixels=(260, 260),
+        pixels=PixelCounts(260, 260),
     )
 
 
@@ -368,7 +377,9 @@ def seam(case: Case) -> Case:
     nodes = np.array([(0, 0), (4, 0), (4, 4), (0, 0), (4, 4), (0, 4)], float)
     loop = np.array([(0, 1), (1, 2), (4, 5), (5, 3)], np.int32)
     triangles = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
-    return Case(nodes, triangles, loop, DomainFacts("image", 16, 1, 0, 16, 16), pixels=(16, 16))
+    return Case(
+        nodes, triangles, loop, DomainFacts("image", 16, 1, 0, 16, 16), pixels=PixelCounts(16, 16)
+    )
 
 
 def nan_node(case: Case) -> Case:
@@ -396,11 +407,11 @@ def outline_without_a_segment(case: Case) -> Case:
 
 
 def too_few_pixels(case: Case) -> Case:
-    return case._replace(pixels=(SIDE * SIDE - 1, SIDE * SIDE - 1))
+    return case._replace(pixels=PixelCounts(SIDE * SIDE - 1, SIDE * SIDE - 1))
 
 
 def a_pixel_twice(case: Case) -> Case:
-    return case._replace(pixels=(SIDE * SIDE + 1, SIDE * SIDE))
+    return case._replace(pixels=PixelCounts(SIDE * SIDE + 1, SIDE * SIDE))
 
 
 def more_valid_pixels_than_there_are(case: Case) -> Case:
@@ -486,27 +497,16 @@ def test_a_hull_need_not_be_constrained_but_must_be_covered(good: Case) -> None:
     none = np.empty((0, 2), np.int32)
     hull = good._replace(constraints=none, domain=replace(good.domain, kind="hull", pixels=None))
     assert failed(hull) == set()
-    dented = removed_border_triangle(hull._replace(pixels=(None, None)))
+    dented = removed_border_triangle(hull._replace(pixels=None))
     assert failed(dented) == {AREA, ANGLES}
     # However small the dent: it is no hull.
     assert ANGLES in failed(dented._replace(domain=replace(dented.domain, area=SIDE**2 - 1e-9)))
-    assert failed(missing_constraint(hull._replace(pixels=(None, None)))) == {BOUNDARY}
-    twice = hull._replace(pixels=(SIDE * SIDE, SIDE * SIDE + 1))
+    assert failed(missing_constraint(hull._replace(pixels=None))) == {BOUNDARY}
+    twice = hull._replace(pixels=PixelCounts(SIDE * SIDE, SIDE * SIDE + 1))
     assert failed(twice) == {PIXELS}
 
 
 # Against exact arithmetic
-
-
-def exact_incircle(nodes: np.ndarray, triangle: np.ndarray, query: int) -> int:
-    """Return the in-circle determinant of integer points, in Python's exact integers."""
-    qx, qy = map(int, nodes[query])
-    rows = []
-    for x, y in nodes[triangle].tolist():
-        dx, dy = int(x) - qx, int(y) - qy
-        rows.append((dx, dy, dx * dx + dy * dy))
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 @st.composite

@@ -14,13 +14,10 @@ import pyproj
 import pytest
 import rasterio
 from click.testing import CliRunner
-from conftest import SAMPLES
 
 import geomesh
 from geomesh.cli import cli
-
-OLINDA = str(SAMPLES / "olinda_landsat7_rgb_uint8.tif")
-ROTATED = str(SAMPLES / "olinda_landsat7_rgb_rotated_gt.tif")
+from support.samples import OLINDA, ROTATED, SAMPLES
 
 
 def run(*arguments, code=0):

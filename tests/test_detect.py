@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from conftest import SAMPLES, mirrored
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -18,18 +17,19 @@ from geomesh.parallel.tiles import plan_tiles
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.grid import Window
 from geomesh.recipe import Recipe
+from support.samples import OLINDA, SAMPLES, mirrored
 
 
 def detect(image, recipe):
     """Detect with a workers of two."""
     with open_workers(2) as workers:
-        return stage.detect(image, recipe, workers, lambda _fraction, _message: None)
+        return stage.detect_keypoints(image, recipe, workers, lambda _fraction, _message: None)
 
 
 @pytest.fixture(scope="module")
 def large():
     """A real image of 2000 x 1500 pixels: two by two tiles."""
-    bands = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 2000, 1500)
+    bands = mirrored(OLINDA, 2000, 1500)
     gray = cv2.cvtColor(np.moveaxis(bands, 0, -1).copy(), cv2.COLOR_RGB2GRAY)
     return cv2.equalizeHist(gray)
 

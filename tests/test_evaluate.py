@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import rasterio
 from click.testing import CliRunner
-from conftest import SAMPLES, write_mirrored
 from matplotlib.image import imread
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from scipy import ndimage, sparse
@@ -31,8 +30,8 @@ from geomesh.evaluate.comparison import COLUMNS, MEASURES
 from geomesh.evaluate.figure import draw_comparison
 from geomesh.evaluate.images import find_images
 from geomesh.evaluate.run import evaluate
+from support.samples import OLINDA, SAMPLES, write_mirrored
 
-OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 DEM = SAMPLES / "colorado_dem_float32_epsg4269.tif"  # no Canny edges at the paper's thresholds
 NOWHERE = SAMPLES / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif"
 NAMES = list(baselines())

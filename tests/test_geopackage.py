@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +14,22 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
-from conftest import SAMPLES
-from test_workers import contents
 
 import geomesh
-from geomesh.formats import geopackage
-from geomesh.formats.geopackage import PENDING, can_join
-from geomesh.io import write as vector
+from geomesh.formats import geopackage, registry
+from geomesh.formats.format import PENDING
+from geomesh.formats.geopackage import GPKG
 from geomesh.io.gdal_process import WriterPool
 from geomesh.io.write import open_writer
+from support.files import contents
+from support.samples import OLINDA
 
 LAYERS = ("triangles", "edges", "nodes")
 
 
 @pytest.fixture(scope="module")
 def mesh() -> geomesh.Mesh:
-    return geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=900)
+    return geomesh.mesh_raster(OLINDA, nodes=900)
 
 
 def write(mesh: geomesh.Mesh, path: Path, count: int, layers: Any = LAYERS) -> Path:
@@ -44,7 +45,7 @@ def write(mesh: geomesh.Mesh, path: Path, count: int, layers: Any = LAYERS) -> P
 
 @pytest.fixture(scope="module")
 def joined(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    assert can_join()
+    assert GPKG.joining.is_possible()
     return write(mesh, tmp_path_factory.mktemp("joined") / "mesh.gpkg", 3)
 
 
@@ -215,6 +216,7 @@ def test_layers_are_listed_in_their_order(mesh: geomesh.Mesh, tmp_path: Path, co
 def test_without_r_trees_in_pythons_sqlite_one_file_is_written(
     mesh: geomesh.Mesh, plain: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(vector, "can_join", lambda: False)
+    joining = replace(GPKG.joining, is_possible=lambda: False)
+    monkeypatch.setattr(registry, "FORMATS", (replace(GPKG, joining=joining),))
     monkeypatch.setattr(geopackage, "_copy_layer", None)
     assert contents(write(mesh, tmp_path / "mesh.gpkg", 2)) == contents(plain)

@@ -14,28 +14,27 @@ import nbformat
 import numpy as np
 import pytest
 from affine import Affine
-from conftest import SAMPLES
 from matplotlib.tri import Triangulation
 from pyproj import CRS
-from test_mesh import GRIDS, make_mesh
 
 import geomesh
 from geomesh.arrays.table import Table
 from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
 from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.raster.grid import Grid
+from geomesh.recipe import Recipe
 from geomesh.view.thumbnail import thumbnail
-
-OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
+from support.meshes import ORIENTATIONS, frame_mesh, provenance
+from support.samples import OLINDA
 
 GEOGRAPHIC = Grid(40, 30, Affine(0.01, 0, 10, 0, -0.01, 60.15), CRS(4326))
-PLACES = {**GRIDS, "geographic": GEOGRAPHIC}
+PLACES = {**ORIENTATIONS, "geographic": GEOGRAPHIC}
 
 
 @pytest.fixture(params=PLACES, ids=str)
 def placed(request):
     """A mesh on each kind of grid, its triangles told apart by their colours."""
-    mesh = make_mesh(PLACES[request.param])
+    mesh = frame_mesh(PLACES[request.param])
     count = len(mesh.triangles)
     colors = np.array([f"#{number:02x}80ff" for number in np.arange(count) * 4])
     return replace(mesh, triangle_table=mesh.triangle_table.with_columns({"color": colors}))
@@ -65,13 +64,13 @@ def test_a_thumbnail_shows_the_map_as_matplotlib_finds_triangles_on_it(placed):
 
 def test_a_thumbnail_is_in_proportion():
     # At 60 degrees north a degree of longitude is half as long as one of latitude.
-    assert thumbnail(make_mesh(GEOGRAPHIC)).shape == (256, 171, 4)
+    assert thumbnail(frame_mesh(GEOGRAPHIC)).shape == (256, 171, 4)
     wide = Grid(4000, 10, Affine(30, 0, 600_000, 0, -30, 4_900_000), CRS(32618))
-    assert thumbnail(make_mesh(wide)).shape == (8, 256, 4)
+    assert thumbnail(frame_mesh(wide)).shape == (8, 256, 4)
 
 
 def test_a_mesh_without_colours_is_gray_and_shows_its_sides():
-    mesh = replace(make_mesh(GRIDS["north-up"]), triangle_table=Table({}))
+    mesh = replace(frame_mesh(ORIENTATIONS["north-up"]), triangle_table=Table({}))
     picture = thumbnail(mesh)
     assert {tuple(pixel) for pixel in picture.reshape(-1, 4)} == {
         (128, 128, 128, 255),
@@ -124,7 +123,7 @@ def test_a_mesh_needs_nothing_from_elsewhere_and_no_colours_of_its_own(olinda):
 
 
 def test_checks_that_fail_are_shown_at_once():
-    mesh = make_mesh(GRIDS["north-up"])
+    mesh = frame_mesh(ORIENTATIONS["north-up"])
     wrong = replace(mesh, triangles=mesh.triangles[:, ::-1])
     tree, text = told_by(wrong._repr_html_())
     assert "open" in tree.find(".//details").attrib
@@ -137,8 +136,8 @@ def test_checks_that_fail_are_shown_at_once():
 def test_names_and_warnings_cannot_become_html():
     said = '<script>alert("1")</script> & <b>'
     mesh = replace(
-        make_mesh(GRIDS["north-up"]),
-        metadata={"source": {"name": said}, "warnings": [said], "recipe": {"preset": said}},
+        frame_mesh(ORIENTATIONS["north-up"]),
+        provenance=provenance(recipe=Recipe(preset=said), name=said, warnings=(said,)),
     )
     html = mesh._repr_html_()
     _, text = told_by(html)
@@ -153,8 +152,8 @@ def test_a_mesh_of_a_file_tells_the_same(olinda, tmp_path):
 
 
 def test_a_mesh_with_little_to_tell_tells_it():
-    mesh = make_mesh(GRIDS["no georeference"])
-    _, text = told_by(replace(mesh, metadata={})._repr_html_())
+    mesh = frame_mesh(ORIENTATIONS["no georeference"])
+    _, text = told_by(replace(mesh, provenance=None)._repr_html_())
     assert "Source 40 × 30 pixels CRS none Bounds" in text
     empty = replace(mesh, triangles=mesh.triangles[:0], triangle_table=Table({}))
     _, text = told_by(empty._repr_html_())
@@ -248,7 +247,7 @@ MARS = CRS("+proj=longlat +a=3396190 +b=3376200 +no_defs")
 @pytest.mark.parametrize(
     ("grid", "told"),
     [
-        (GRIDS["no georeference"], r"no CRS.*mesh the raster with crs='EPSG:\.\.\.'"),
+        (ORIENTATIONS["no georeference"], r"no CRS.*mesh the raster with crs='EPSG:\.\.\.'"),
         (Grid(40, 30, Affine(0.1, 0, 0, 0, -0.1, 0), CRS("IAU_2015:49900")), "there is no way"),
         (
             Grid(40, 30, Affine(4e5, 0, -8e6, 0, -4e5, 6e6), CRS("+proj=geos +h=35785831")),
@@ -259,11 +258,11 @@ MARS = CRS("+proj=longlat +a=3396190 +b=3376200 +no_defs")
 )
 def test_a_mesh_off_the_map_of_the_earth_is_refused(grid, told):
     with pytest.raises(GeoreferenceError, match=told) as refusal:
-        make_mesh(grid).explore()
+        frame_mesh(grid).explore()
     assert "mesh.plot()" in str(refusal.value)
 
 
 def test_a_map_needs_folium(monkeypatch):
     monkeypatch.setitem(sys.modules, "folium", None)
     with pytest.raises(MissingExtraError, match=r"folium .* pip install 'geomesh-toolkit\[note"):
-        make_mesh(GRIDS["north-up"]).explore()
+        frame_mesh(ORIENTATIONS["north-up"]).explore()

@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 import shapely
-from conftest import SAMPLES
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -20,6 +19,7 @@ from geomesh.domain.outline import drop_small_loops, find_turns, trace
 from geomesh.errors import GeomeshWarning
 from geomesh.parallel.tiles import plan_tiles
 from geomesh.raster.grid import Window
+from support.samples import SAMPLES
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 24), st.integers(1, 24)))
 blobs = st.builds(

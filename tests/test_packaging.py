@@ -12,14 +12,12 @@ import subprocess
 import sys
 import tarfile
 import zipfile
-from pathlib import Path
 
 import pytest
-from conftest import SAMPLES
 
 import geomesh
+from support.samples import OLINDA, ROOT
 
-ROOT = Path(__file__).parent.parent
 BIN = "Scripts" if os.name == "nt" else "bin"
 
 # One worker builds for all of these tests.
@@ -161,7 +159,7 @@ def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):
     folder = tmp_path / "work"
     folder.mkdir()
     run(python, "-m", "pip", "check", cwd=folder)
-    shutil.copy(SAMPLES / "olinda_landsat7_rgb_uint8.tif", folder / "scene.tif")
+    shutil.copy(OLINDA, folder / "scene.tif")
     told, _ = run(command, "mesh", "scene.tif", "-o", "mesh.gpkg", "--nodes", 300, cwd=folder)
     assert told == "mesh.gpkg: 300 nodes, 495 triangles, certified\n"
     run(command, "stages", "scene.tif", "-o", "stages.png", "--nodes", 300, cwd=folder)
@@ -184,7 +182,7 @@ def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):
     assert {path.name for path in folder.iterdir()} == {
         *("scene.tif", "mesh.gpkg", "stages.png", "rio.gpkg", "plot.png"),
     }
-    mine = geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=300)
+    mine = geomesh.mesh_raster(OLINDA, nodes=300)
     for name in ("mesh.gpkg", "rio.gpkg"):
         made = geomesh.read_mesh(folder / name)
         assert (made.nodes == mine.nodes).all()

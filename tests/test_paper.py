@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
-from conftest import SAMPLES
 from scipy.spatial import Delaunay
 
 import geomesh
 from geomesh.mesh.quality import ki
+from support.samples import SAMPLES
 
 pytestmark = pytest.mark.filterwarnings("ignore:the array has no georeference")
 

@@ -1,4 +1,4 @@
-"""What docs/paper.md tells beyond tests/test_table1.py: of real images, and of squared lengths."""
+"""What docs/paper.md tells beyond test_paper_table1.py: of real images, and of squared lengths."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SAMPLES
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
@@ -16,6 +15,7 @@ from scipy.spatial import Delaunay
 import geomesh
 from geomesh.evaluate.run import evaluate
 from geomesh.mesh.quality import ki, measure
+from support.samples import SAMPLES
 
 DOCS = Path(__file__).parent.parent / "docs"
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import rasterio
 from affine import Affine
-from conftest import SAMPLES, mirrored
 from rasterio.features import rasterize
 from scipy.spatial import cKDTree
 from shapely import Polygon
@@ -17,6 +16,7 @@ from shapely import Polygon
 import geomesh
 from geomesh.errors import GeomeshWarning, RecipeError
 from geomesh.parallel.tiles import plan_tiles
+from support.samples import SAMPLES, mirrored
 
 pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
 

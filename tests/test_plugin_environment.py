@@ -26,10 +26,9 @@ from geomesh_qgis.engine.pythons import BasePython, choose, find_base_python, lo
 from geomesh_qgis.engine.trial import self_test
 
 import geomesh
+from support.samples import ROOT
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the fakes are scripts of POSIX")
-
-ROOT = Path(__file__).parent.parent
 
 
 def script(path, text):

@@ -10,13 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from conftest import SAMPLES, write_mirrored
 from geomesh_qgis.engine.child import clean_environment
 from geomesh_qgis.engine.runner import Cancelled, Outcome, RunError, run
 
 import geomesh
+from support.samples import OLINDA, SAMPLES, write_mirrored
 
-OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 LARGE = SAMPLES / "iguacu_landsat8_rgb_uint16.tif"
 TOLD = ("--progress", "jsonl", "--until-eof")
 

@@ -17,13 +17,13 @@ from typing import Any
 
 import pytest
 import rasterio
-from conftest import fingerprint, write_mirrored
 from rasterio.enums import Resampling
 from rasterio.shutil import copy
-from test_bad_input import OLD, snapshot
 
 import geomesh
 from geomesh.errors import SourceError
+from support.commands import OLD, snapshot
+from support.samples import fingerprint, write_mirrored
 
 # What GDAL recommends to those who read from the web: no listing of the folder.
 AS_USERS_DO = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}

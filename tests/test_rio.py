@@ -9,13 +9,11 @@ import click
 import pytest
 import rasterio.env
 from click.testing import CliRunner
-from conftest import SAMPLES
 from rasterio.rio.main import main_group
 
 import geomesh
 from geomesh.cli import cli
-
-OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
+from support.samples import OLINDA
 
 
 @pytest.fixture

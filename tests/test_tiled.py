@@ -5,17 +5,18 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from conftest import SAMPLES
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
-from test_triangulate import area, as_sets, assert_delaunay, exact_incircle
 
 import geomesh
 from geomesh.delaunay import kd_split as kd
-from geomesh.delaunay import ties, tiled, triangulate
+from geomesh.delaunay import tiled, triangulate
+from geomesh.delaunay.predicates import cocircular
 from geomesh.errors import CertificateError
 from geomesh.mesh.topology import boundary_edges
+from support.geometry import area, as_sets, assert_delaunay, exact_incircle
+from support.samples import SAMPLES
 
 TILES = (2, 30, 400)
 
@@ -351,14 +352,14 @@ def test_cocircular_is_decided_exactly(angles, scale, shift, nudge):
     if len(np.unique(points, axis=0)) < 4:
         return
     exact = exact_incircle(points, (0, 1, 2), 3) == Fraction(0)
-    assert ties._cocircular(points, 0, 1, 2, 3, np.empty(384)) == exact
+    assert cocircular(points, 0, 1, 2, 3, np.empty(384)) == exact
 
 
 @pytest.mark.parametrize("radius", [3.0, 2.0**17, 5 * 2.0**18, 2.0**19 + 1 / 256, 2.0**40, 1e7 / 3])
 def test_one_step_along_the_tangent_is_seen(radius):
     """It changes the determinant by less than float64 can tell, and is seen all the same."""
     points = radius * np.array([(1, 0), (0, 1), (-1, 0), (0, -1.0)])
-    assert ties._cocircular(points, 0, 1, 2, 3, np.empty(384))
+    assert cocircular(points, 0, 1, 2, 3, np.empty(384))
     points[0, 1] = max(1 / 256, radius * 2.0**-32)
     assert exact_incircle(points, (0, 1, 2), 3) != 0
-    assert not ties._cocircular(points, 0, 1, 2, 3, np.empty(384))
+    assert not cocircular(points, 0, 1, 2, 3, np.empty(384))

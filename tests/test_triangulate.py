@@ -1,7 +1,5 @@
 """Stage 4 against scipy, shapely and exact arithmetic."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 import shapely
@@ -10,43 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
-from geomesh.mesh.topology import boundary_edges, build_edges, neighbours
-
-
-def as_sets(triangles):
-    return {frozenset(map(int, triangle)) for triangle in triangles}
-
-
-def exact_incircle(points, triangle, other):
-    """Sign of the in-circle determinant in rational numbers; positive is inside."""
-    rows = []
-    ox, oy = (Fraction(float(v)) for v in points[other])
-    for i in triangle:
-        x, y = (Fraction(float(v)) for v in points[i])
-        rows.append((x - ox, y - oy, (x - ox) ** 2 + (y - oy) ** 2))
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-
-
-def exact_area(points, triangle):
-    """Twice the signed area in rational numbers."""
-    (ax, ay), (bx, by), (cx, cy) = ((Fraction(float(v)) for v in points[i]) for i in triangle)
-    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-
-
-def assert_delaunay(points, triangles, segments=()):
-    """Counter-clockwise, covering the hull, and empty circles across every free edge."""
-    fixed = {frozenset(map(int, segment)) for segment in segments}
-    corners = points[triangles]
-    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    doubtful = ~(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0] > 1e-6)
-    assert all(exact_area(points, triangle) > 0 for triangle in triangles[doubtful])
-    across = neighbours(triangles)
-    for t, k in np.argwhere(across >= 0):
-        edge = frozenset(int(v) for v in np.delete(triangles[t], k))
-        if edge not in fixed:
-            other = set(map(int, triangles[across[t, k]])) - edge
-            assert exact_incircle(points, triangles[t], other.pop()) <= 0
+from geomesh.mesh.topology import boundary_edges, build_edges
+from support.geometry import area, as_sets, assert_delaunay
 
 
 @pytest.mark.parametrize("count", [3, 10, 500, 5000])
@@ -67,10 +30,6 @@ def test_is_right_where_qhull_is_not(offset):
     assert len(triangles) == 2 * 3600 - 2 - len(boundary_edges(triangles))
     hull = shapely.convex_hull(shapely.multipoints(points)).area
     assert np.abs(area(points, triangles) - hull) < 1e-6 * hull
-
-
-def area(points, triangles):
-    return shapely.area(shapely.polygons((points - points[0])[triangles])).sum()
 
 
 @given(

@@ -19,14 +19,10 @@ from typing import Any
 import cv2
 import geopandas as gpd
 import numpy as np
-import pyogrio
 import pytest
 import rasterio
 import shapely
-from conftest import fingerprint, write_mirrored
 from rasterio.env import get_gdal_config, set_gdal_config
-from test_bad_input import OLD, Geomesh, command, picture, snapshot, write
-from test_bad_output import PROGRAM
 
 import geomesh
 from geomesh.errors import SourceError, WorkerError
@@ -34,12 +30,12 @@ from geomesh.parallel import workers
 from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.gdal import CACHE_BYTES
 from geomesh.raster.scene import Scene
-
-__all__ = ["command"]  # a fixture, used by its name
+from support.commands import OLD, PROGRAM, Geomesh, snapshot
+from support.files import contents
+from support.rasters import picture, write_raster
+from support.samples import NODATA_EDGE, fingerprint, write_mirrored
 
 pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
-
-NODATA_EDGE = "parana_landsat8_rgb_uint16_nodata_edge.tif"
 
 
 @pytest.fixture(scope="module")
@@ -179,17 +175,6 @@ def test_order_in_which_tiles_are_done_does_not_matter(scene: Path) -> None:
     mesh = geomesh.mesh_raster(scene, executor=executor)
     assert executor.begun != sorted(executor.begun)
     assert fingerprint(mesh) == fingerprint(geomesh.mesh_raster(scene, workers=2))
-
-
-def contents(path: Path) -> dict[str, Any]:
-    """The rows of each layer of a file, and its metadata."""
-    found: dict[str, Any] = {}
-    for name in ("triangles", "edges", "nodes"):
-        meta, table = pyogrio.read_arrow(path, layer=name)
-        found[name] = table.to_pydict()
-        found[f"{name}, about"] = pyogrio.read_info(path, layer=name)["layer_metadata"]
-        assert table.num_rows > 100, meta
-    return found
 
 
 def test_written_file_holds_the_same_whatever_the_workers(
@@ -395,7 +380,7 @@ def test_settings_of_the_caller_reach_the_workers(pool: ProcessPoolExecutor, apa
 
 def test_setting_of_the_caller_has_its_effect(tmp_path: Path) -> None:
     """A worker that does not get it sees the mask beside the file."""
-    path = Path(write(tmp_path, data=picture(1, 300, 300)))
+    path = Path(write_raster(tmp_path, data=picture(1, 300, 300)))
     hidden = np.full((300, 300), 255, np.uint8)
     hidden[:, 150:] = 0
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False), rasterio.open(path, "r+") as dataset:
@@ -500,7 +485,7 @@ def test_raster_that_is_replaced_by_another_is_noticed(
     def replace(_fraction: float, message: str) -> None:
         if message.startswith("Looking") and "tile" in message:
             path.unlink(missing_ok=True)
-            write(tmp_path, data=picture(*shape).astype(np.uint16))
+            write_raster(tmp_path, data=picture(*shape).astype(np.uint16))
 
     with pytest.raises(SourceError, match=told) as error:
         geomesh.mesh_raster(path, progress=replace)

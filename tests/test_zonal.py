@@ -16,25 +16,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rasterio.features import rasterize
 from scipy.ndimage import map_coordinates
-from scipy.spatial import Delaunay
 from shapely import Polygon, polygons
 
-from geomesh.mesh.colors import colors
+from geomesh.mesh.colors import format_colors
 from geomesh.parallel.tiles import plan_tiles
 from geomesh.raster.grid import Window
 from geomesh.zonal.columns import band_names, node_columns, triangle_columns
 from geomesh.zonal.owners import find_owners
 from geomesh.zonal.statistics import measure_tile, merge
+from support.geometry import rectangle_mesh
 
 DTYPES = ["uint8", "int16", "uint16", "int64", "uint64", "float32", "float64", ">u2", "float16"]
-
-
-def rectangle_mesh(rng, width, height, count, step=1 / 256):
-    """Delaunay mesh of [0, width] x [0, height] with random nodes on a grid of `step`."""
-    inner = rng.integers(0, [width / step + 1, height / step + 1], (count, 2)) * step
-    corners = [(0, 0), (width, 0), (0, height), (width, height)]
-    nodes = np.unique(np.vstack([inner, corners]), axis=0)
-    return nodes, Delaunay(nodes).simplices.astype(np.int32)
 
 
 def statistics(nodes, triangles, bands, valid=None, *, core=1024, halo=1):
@@ -325,6 +317,6 @@ def test_long_descriptions_that_start_alike_stay_apart():
 
 @given(st.lists(st.tuples(*[st.integers(0, 255)] * 3), max_size=20))
 def test_colors_are_those_of_string_formatting(rows):
-    found = colors(np.array(rows, np.uint8).reshape(-1, 3))
+    found = format_colors(np.array(rows, np.uint8).reshape(-1, 3))
     assert found.dtype == "<U7"
     assert found.tolist() == [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in rows]

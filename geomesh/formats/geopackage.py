@@ -11,6 +11,7 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
@@ -21,6 +22,10 @@ from geomesh.parameters import LayerName
 if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
+
+# GDAL's creation options.
+DATASET_OPTIONS: Mapping[str, str] = MappingProxyType({"VERSION": "1.2"})
+LAYER_OPTIONS: Mapping[str, str] = MappingProxyType({"SPATIAL_INDEX": "YES"})
 
 _INDEX = "rtree_{}_geom"
 # The tables in which SQLite keeps an R-tree.
@@ -136,8 +141,8 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
         file,
         stream,
         write_rows,
-        dataset_options={"VERSION": "1.2"},
-        layer_options={"SPATIAL_INDEX": "YES"},
+        dataset_options=DATASET_OPTIONS,
+        layer_options=LAYER_OPTIONS,
     )
 
 

@@ -91,6 +91,9 @@ class Provenance:
     warnings: tuple[str, ...]
     versions: Mapping[str, str]
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "versions", dict(self.versions))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the provenance as plain JSON values."""
         source, nodata = asdict(self.source), self.source.nodata

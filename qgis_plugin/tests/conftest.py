@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import gc
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-
-HERE = Path(__file__).resolve().parent
-PLUGINS = HERE.parent  # what QGIS_PLUGINPATH has to be
-ROOT = PLUGINS.parent
-SAMPLES_FOLDER = ROOT / "data_samples"
+from support import PLUGINS, SAMPLES, find_program
 
 sys.path.insert(0, str(PLUGINS))
 
@@ -46,13 +41,13 @@ def no_message_box(monkeypatch):
 @pytest.fixture(scope="session")
 def samples() -> Path:
     """The folder of sample rasters."""
-    return SAMPLES_FOLDER
+    return SAMPLES
 
 
 @pytest.fixture(scope="session")
 def olinda() -> Path:
     """Three bands of Landsat 7, 349 by 352 pixels, UTM 25S."""
-    return SAMPLES_FOLDER / "olinda_landsat7_rgb_uint8.tif"
+    return SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -156,13 +151,6 @@ def qgis_environment(tmp_path_factory):
         return environment
 
     return make
-
-
-def find_program(name: str) -> str:
-    """Debian's `qgis_process` of QGIS 3.22 is a wrapper that always fails; the .bin works."""
-    found = shutil.which(f"{name}.bin") or shutil.which(name)
-    assert found, f"{name} is not installed: apt-get install qgis"
-    return found
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import subprocess
 import zipfile
 
 import pytest
-from conftest import PLUGINS, ROOT, find_program
+from support import PLUGINS, ROOT, build, find_program
 
 PLUGIN = PLUGINS / "geomesh_qgis"
 
@@ -19,15 +19,6 @@ PLUGIN = PLUGINS / "geomesh_qgis"
 def package(geomesh_python, tmp_path_factory):
     """Build the zip as `make plugin` does; give its path and what was printed."""
     return build(geomesh_python, tmp_path_factory.mktemp("dist"))
-
-
-def build(python, out, script=PLUGINS / "build.py"):
-    result = subprocess.run(
-        [python, script, "--out", out], capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 0, result.stdout + result.stderr
-    (path,) = out.glob("*.zip")
-    return path, result.stdout
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import find_program
 from qgis.core import QgsVectorLayer
+from support import find_program
 
 
 def test_lists_and_explains(qgis_process):

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from conftest import PLUGINS, find_program
+from support import PLUGINS, find_program
 
 HERE = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 1280, 800

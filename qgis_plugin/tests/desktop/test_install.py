@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from harness import HERE, run_desktop
-from test_package import build
+from support import build
 
 
 @pytest.fixture(scope="module")

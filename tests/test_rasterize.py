@@ -18,6 +18,7 @@ from geomesh.mesh.topology import FILL
 from geomesh.raster.grid import Window
 from geomesh.zonal.owners import find_owners
 from geomesh.zonal.rasterize import column_range, row_range, sort_corners
+from support.geometry import rectangle_mesh
 
 ONE = np.array([[0, 1, 2]], np.int32)
 
@@ -38,14 +39,6 @@ def owned_exactly(corners, window: Window) -> np.ndarray:
                 x = window.col + c + Fraction(1, 2)
                 owned[r, c] = min(crossings) <= x < max(crossings)
     return owned
-
-
-def rectangle_mesh(rng, width, height, count, step=1 / 256):
-    """Delaunay mesh of [0, width] x [0, height] with random nodes on a grid of `step`."""
-    inner = rng.integers(0, [width / step + 1, height / step + 1], (count, 2)) * step
-    corners = [(0, 0), (width, 0), (0, height), (width, height)]
-    nodes = np.unique(np.vstack([inner, corners]), axis=0)
-    return nodes, Delaunay(nodes).simplices.astype(np.int32)
 
 
 # On steps of 1/2 pixel most corners and many sides run through pixel centres.

@@ -7,15 +7,15 @@ import pytest
 import xugrid
 from pyproj import CRS
 from scipy.io import netcdf_file
-from test_io import GRIDS, random_mesh, two_triangles
 
 from geomesh.arrays.table import Table
 from geomesh.errors import OutputError
-from geomesh.io.verify import count_rows
+from geomesh.formats.ugrid import UGRID
 from geomesh.io.write import write_mesh
+from support.meshes import GEOREFERENCES, random_mesh, two_triangles
 
 
-@pytest.mark.parametrize("grid", GRIDS.values(), ids=list(GRIDS))
+@pytest.mark.parametrize("grid", GEOREFERENCES.values(), ids=list(GEOREFERENCES))
 def test_xugrid_finds_the_same_mesh(tmp_path, grid):
     mesh = random_mesh(grid)
     path = write_mesh(mesh, tmp_path / "mesh.nc")
@@ -42,11 +42,11 @@ def test_the_crs_is_told_by_its_code_or_in_words(tmp_path):
     told = read_attributes(coded, "projected_coordinate_system")
     assert told["EPSG_code"] == b"EPSG:32723"
     assert told["epsg"] == 32723
-    custom = write_mesh(two_triangles(GRIDS["custom CRS"]), tmp_path / "custom.nc")
+    custom = write_mesh(two_triangles(GEOREFERENCES["custom CRS"]), tmp_path / "custom.nc")
     told = read_attributes(custom, "projected_coordinate_system")
-    assert CRS.from_wkt(told["crs_wkt"].decode()) == GRIDS["custom CRS"].crs
+    assert CRS.from_wkt(told["crs_wkt"].decode()) == GEOREFERENCES["custom CRS"].crs
     assert "epsg" not in told
-    placeless = write_mesh(two_triangles(GRIDS["no CRS"]), tmp_path / "none.nc")
+    placeless = write_mesh(two_triangles(GEOREFERENCES["no CRS"]), tmp_path / "none.nc")
     assert read_attributes(placeless, "projected_coordinate_system") is None
 
 
@@ -79,9 +79,9 @@ def test_it_holds_triangles_only(tmp_path):
 
 def test_a_file_cut_short_is_noticed(tmp_path):
     path = write_mesh(random_mesh(), tmp_path / "mesh.nc")
-    assert count_rows(path, "triangles", "UGRID") == len(random_mesh().triangles)
+    assert UGRID.count_rows(path, "triangles") == len(random_mesh().triangles)
     whole = path.read_bytes()
     for kept in (0.999, 0.5, 0.01):
         path.write_bytes(whole[: int(kept * len(whole))])
         with pytest.raises(OSError, match="damaged"):
-            count_rows(path, "triangles", "UGRID")
+            UGRID.count_rows(path, "triangles")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,16 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from conftest import write_mirrored
-from test_bad_input import OLD, SOURCES, Case, Geomesh, command, picture, snapshot, write
-from test_bad_output import PROGRAM, small_disk
 
 import geomesh
 from geomesh.errors import GeomeshWarning
 from geomesh.mesh.topology import FILL
 from geomesh.zonal.owners import find_owners
-
-__all__ = ["command", "small_disk"]  # fixtures, used by their names
+from support.cases import SOURCES, Case
+from support.commands import OLD, Geomesh, run_program, snapshot
+from support.rasters import picture, write_raster
+from support.samples import write_mirrored
 
 MESHED = {name: case for name, case in SOURCES.items() if case.refused is None}
 
@@ -41,7 +39,7 @@ def owned(mesh: geomesh.Mesh) -> np.ndarray:
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A raster and the file of its mesh."""
     folder = tmp_path_factory.mktemp("made")
-    source = Path(write(folder, data=picture(3, 120, 100), photometric="rgb"))
+    source = Path(write_raster(folder, data=picture(3, 120, 100), photometric="rgb"))
     return source, mesh_of(source).to_file(folder / "mesh.gpkg")
 
 
@@ -94,7 +92,7 @@ def test_values_that_would_be_nodata_are_moved_beside_it(tmp_path: Path) -> None
     bands = picture(1, 60, 60).astype(np.int16) - 100
     bands[bands == 0] = 1
     bands[:, :6, :30] = 0
-    source = write(tmp_path, data=bands, nodata=0)
+    source = write_raster(tmp_path, data=bands, nodata=0)
     mesh, path = mesh_of(source), tmp_path / "painted.tif"
     mesh.render(source, path)
     with rasterio.open(path) as painted:
@@ -109,7 +107,7 @@ def test_scales_offsets_and_units_are_kept(tmp_path: Path) -> None:
     def tell(dataset: Any) -> None:
         dataset.scales, dataset.offsets, dataset.units = (0.1, 1), (5, 0), ("m", "")
 
-    source = write(tmp_path, data=picture(2), change=tell)
+    source = write_raster(tmp_path, data=picture(2), change=tell)
     path = tmp_path / "painted.tif"
     mesh_of(source, bidx=[2, 1]).render(source, path)
     with rasterio.open(path) as painted:
@@ -219,7 +217,7 @@ def test_wrong_usage_exits_with_2(given: tuple[str, ...], command: Geomesh) -> N
 
 
 def test_exact_pictures_are_null_in_json(tmp_path: Path, command: Geomesh) -> None:
-    source = write(tmp_path, data=np.full((1, 20, 30), 9, np.uint8))
+    source = write_raster(tmp_path, data=np.full((1, 20, 30), 9, np.uint8))
     mesh = mesh_of(source).to_file(tmp_path / "mesh.gpkg")
     output = tmp_path / "painted.tif"
     run = command("render", mesh, "--like", source, "-o", output, "--json")
@@ -302,14 +300,14 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_lost(
     Path("scene.tif").write_bytes(source.read_bytes())
     Path("mesh.gpkg").write_bytes(mesh.read_bytes())
     Path("notes.txt").write_text("not a raster")
-    whole = Path(write(tmp_path, "truncated.tif", picture(3, 120, 100), compress="deflate"))
+    whole = Path(write_raster(tmp_path, "truncated.tif", picture(3, 120, 100), compress="deflate"))
     whole.write_bytes(whole.read_bytes()[:-2000])
-    write(tmp_path, "small.tif", picture(3, 120, 90))
-    write(tmp_path, "crs.tif", picture(3, 120, 100), crs="EPSG:31985")
-    write(tmp_path, "gray.tif", picture(1, 120, 100))
+    write_raster(tmp_path, "small.tif", picture(3, 120, 90))
+    write_raster(tmp_path, "crs.tif", picture(3, 120, 100), crs="EPSG:31985")
+    write_raster(tmp_path, "gray.tif", picture(1, 120, 100))
     holed = picture(1, 300, 300)
     holed[:, :100] = 0
-    mesh_of(write(tmp_path, "holed.tif", holed, nodata=0), nodes=100).to_file("holed.gpkg")
+    mesh_of(write_raster(tmp_path, "holed.tif", holed, nodata=0), nodes=100).to_file("holed.gpkg")
     Path("old.tif").write_bytes(OLD)
     before = snapshot(tmp_path)
     output = () if any(argument.startswith("-o") for argument in given) else ("-o", "old.tif")
@@ -337,25 +335,18 @@ def test_existing_output_is_kept_or_replaced_whole(
 # ---------------------------------------------------------------- programs of their own
 
 
-def render_program(*arguments: str | Path, **options: Any) -> subprocess.CompletedProcess[str]:
-    command = [*PROGRAM, "render", *map(str, arguments)]
-    return subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=120, **options
-    )
-
-
 @pytest.mark.parametrize(("rows", "fits"), [(200, True), (240, False), (260, False), (400, False)])
 def test_full_disk_is_told_and_the_old_file_is_kept(
     tmp_path: Path, small_disk: tuple[Path, Mapping[str, Any]], rows: int, fits: bool
 ) -> None:
     """Also where so little does not fit that GDAL meets the end only as it closes the file."""
     folder, options = small_disk
-    source = write(tmp_path, data=picture(1, rows, 300).astype(np.float64))
+    source = write_raster(tmp_path, data=picture(1, rows, 300).astype(np.float64))
     mesh = mesh_of(source, nodes=200).to_file(tmp_path / "mesh.gpkg")
     whole, output = tmp_path / "whole.tif", folder / "painted.tif"
-    assert render_program(mesh, "--like", source, "-o", whole).returncode == 0
+    assert run_program("render", mesh, "--like", source, "-o", whole).returncode == 0
     output.write_bytes(OLD)
-    run = render_program(mesh, "--like", source, "-o", output, "--overwrite", **options)
+    run = run_program("render", mesh, "--like", source, "-o", output, "--overwrite", **options)
     assert (run.returncode == 0) == fits, (whole.stat().st_size, run.stderr)
     assert snapshot(folder) == {"painted.tif": whole.read_bytes() if fits else OLD}
     # libtiff prints lines of its own.

@@ -15,7 +15,6 @@ import rasterio
 import rioxarray
 import xarray as xr
 from affine import Affine
-from conftest import SAMPLES, fingerprint, mirrored
 from rasterio.control import GroundControlPoint
 
 import geomesh
@@ -27,9 +26,7 @@ from geomesh.errors import (
     SourceError,
 )
 from geomesh.raster.open import open_scene
-
-OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
-ROTATED = SAMPLES / "olinda_landsat7_rgb_rotated_gt.tif"
+from support.samples import OLINDA, ROTATED, SAMPLES, fingerprint, mirrored
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning"),

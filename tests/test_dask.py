@@ -13,19 +13,18 @@ from typing import Any
 
 import pytest
 import rasterio
-from conftest import fingerprint, write_mirrored
-from test_bad_input import Geomesh, command, snapshot
-from test_workers import NODATA_EDGE, contents
 
 import geomesh
 from geomesh.errors import SourceError, WorkerError
 from geomesh.parallel.workers import open_workers
 from geomesh.zonal import statistics as zonal
+from support.commands import Geomesh, snapshot
+from support.files import contents
+from support.samples import NODATA_EDGE, fingerprint, write_mirrored
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
-__all__ = ["command"]  # a fixture, used by its name
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning"),

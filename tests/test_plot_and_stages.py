@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from affine import Affine
-from conftest import SAMPLES, mirrored
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.image import imread
@@ -15,6 +14,7 @@ from geomesh.raster.open import open_scene
 from geomesh.recipe import Recipe
 from geomesh.view.plot import plot_mesh, save_picture
 from geomesh.view.stages import draw_stages, run_stages
+from support.samples import OLINDA, mirrored
 
 
 def stages_of(source, **values):
@@ -48,7 +48,7 @@ def test_the_figure_has_four_panels_with_their_figures(olinda):
 
 
 def test_a_large_scene_is_shown_by_its_middle():
-    image = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 2500, 300)
+    image = mirrored(OLINDA, 2500, 300)
     scene = open_scene((image, None, None))
     shown = middle(scene)
     assert (shown.grid.width, shown.grid.height) == (1024, 300)
@@ -89,7 +89,7 @@ def test_a_picture_that_cannot_be_written_is_refused(olinda, tmp_path, name):
 
 
 def test_a_narrow_image_makes_a_page_of_sensible_size():
-    image = mirrored(SAMPLES / "olinda_landsat7_rgb_uint8.tif", 3, 1500)
+    image = mirrored(OLINDA, 3, 1500)
     figure = draw_stages(stages_of((image, None, None)))
     width, height = figure.get_size_inches()
     assert max(width, height) < 20

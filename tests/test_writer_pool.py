@@ -10,13 +10,14 @@ from pathlib import Path
 import pyarrow as pa
 import pyogrio
 import pytest
-from test_io import assert_same, hidden, random_mesh
 
 from geomesh.errors import OutputError
 from geomesh.io import gdal_process as writer
 from geomesh.io.gdal_process import WriterPool
 from geomesh.io.read import read_mesh
 from geomesh.io.write import open_writer, write_mesh
+from support.files import assert_same, hidden
+from support.meshes import random_mesh
 
 
 def silent(_fraction: float, _message: str) -> None:

@@ -15,26 +15,15 @@ import shapely
 from affine import Affine
 from pyproj import CRS, Geod
 from scipy import sparse
-from scipy.spatial import Delaunay
 
+from geomesh import Mesh
 from geomesh.arrays.table import Table
 from geomesh.errors import MissingExtraError
 from geomesh.mesh.certificate import DomainFacts
-from geomesh.mesh.triangle_mesh import Mesh
+from geomesh.mesh.provenance import PixelCounts
 from geomesh.parameters import LAYERS
 from geomesh.raster.grid import Grid
-
-UTM = CRS(32618)
-WIDTH, HEIGHT = 40, 30
-GRIDS = {
-    "north-up": Grid(WIDTH, HEIGHT, Affine(30, 0, 600_000, 0, -30, 4_900_000), UTM),
-    "south-up": Grid(WIDTH, HEIGHT, Affine(30, 0, 600_000, 0, 30, 4_900_000), UTM),
-    "mirrored": Grid(WIDTH, HEIGHT, Affine(-30, 0, 600_000, 0, -30, 4_900_000), UTM),
-    "rotated": Grid(WIDTH, HEIGHT, Affine(20, 15, 600_000, 15, -20, 4_900_000), UTM),
-    "rotated, south-up": Grid(WIDTH, HEIGHT, Affine(20, -15, 600_000, 15, 20, 4_900_000), UTM),
-    "sheared": Grid(WIDTH, HEIGHT, Affine(30, 9, 600_000, 0, -20, 4_900_000), UTM),
-    "no georeference": Grid(WIDTH, HEIGHT),
-}
+from support.meshes import HEIGHT, ORIENTATIONS, WIDTH, frame_mesh, provenance
 
 TRIANGLE_COLUMNS = [
     *("id", "n0", "n1", "n2", "area", "ab", "bc", "ca", "ki", "min_angle", "shape", "count"),
@@ -44,57 +33,15 @@ NODE_COLUMNS = ["id", "kind", "col", "row", "scale", "response", "octave", "angl
 EDGE_COLUMNS = ["id", "n0", "n1", "left", "right", "length", "constrained"]
 
 
-def make_mesh(grid: Grid, seed: int = 5, **fields: Any) -> Mesh:
-    """A Delaunay mesh of a grid's whole frame, counter-clockwise on the map."""
-    w, h = grid.width, grid.height
-    frame = np.array([(0, 0), (w, 0), (w, h), (0, h)], float)
-    inner = np.random.default_rng(seed).integers((64, 64), (64 * w - 64, 64 * h - 64), (25, 2)) / 64
-    nodes = np.concatenate([inner, frame])
-    triangles = Delaunay(nodes).simplices.astype(np.int32)
-    a, b, c = ((grid.transform.a * x + grid.transform.b * y,
-                grid.transform.d * x + grid.transform.e * y)
-               for x, y in (nodes[triangles[:, k]].T for k in range(3)))  # fmt: skip
-    turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    triangles[turn < 0] = triangles[turn < 0][:, ::-1]
-    count = len(nodes)
-    measured = np.linspace(0, 1, len(triangles))
-    kind = np.where(np.arange(count) < 25, "feature", "border")
-    return Mesh(
-        nodes=nodes,
-        triangles=triangles,
-        grid=grid,
-        domain=DomainFacts("image", float(w * h), 1, 0, w * h, w * h),
-        constraints=np.array([(25, 26), (26, 27), (27, 28), (28, 25)], np.int32),
-        node_table=Table(
-            {
-                "kind": kind,
-                **{
-                    name: np.linspace(0, 1, count, dtype=np.float32)
-                    for name in ("scale", "response", "octave", "angle", "b1")
-                },
-            }
-        ),
-        triangle_table=Table(
-            {
-                "count": np.arange(len(triangles)),
-                **{f"b1_{name}": measured for name in ("mean", "std", "min", "max")},
-                "color": np.full(len(triangles), "#102030"),
-            }
-        ),
-        metadata={"recipe": {"preset": "features"}, "warnings": ["one"]},
-        **fields,
-    )
-
-
 @pytest.fixture
 def mesh() -> Mesh:
-    return make_mesh(GRIDS["north-up"])
+    return frame_mesh(ORIENTATIONS["north-up"])
 
 
-@pytest.fixture(params=GRIDS, ids=str)
+@pytest.fixture(params=ORIENTATIONS, ids=str)
 def placed(request: pytest.FixtureRequest) -> Mesh:
     """A mesh on each kind of grid."""
-    return make_mesh(GRIDS[request.param])
+    return frame_mesh(ORIENTATIONS[request.param])
 
 
 def arrays_of(mesh: Mesh) -> dict[str, np.ndarray]:
@@ -113,7 +60,7 @@ def arrays_of(mesh: Mesh) -> dict[str, np.ndarray]:
 # A value
 
 
-@pytest.mark.parametrize("name", ["nodes", "triangles", "grid", "metadata", "new"])
+@pytest.mark.parametrize("name", ["nodes", "triangles", "grid", "metadata", "provenance", "new"])
 def test_a_mesh_refuses_new_values(name: str, mesh: Mesh) -> None:
     with pytest.raises(FrozenInstanceError):
         setattr(mesh, name, None)
@@ -134,17 +81,17 @@ def test_the_metadata_of_a_mesh_refuse_writes(mesh: Mesh) -> None:
 def test_a_mesh_does_not_change_with_the_callers_arrays() -> None:
     nodes = np.array([(0, 0), (40, 0), (0, 30)], float)
     triangles = np.array([[0, 2, 1]], np.int32)
-    metadata = {"name": "one"}
-    mesh = Mesh(nodes, triangles, GRIDS["north-up"], DomainFacts("hull", 600, 1, 0, 600),
-                metadata=metadata)  # fmt: skip
-    nodes[0], triangles[0], metadata["name"] = 99, 0, "other"
+    versions = {"geomesh": "0"}
+    mesh = Mesh(nodes, triangles, ORIENTATIONS["north-up"], DomainFacts("hull", 600, 1, 0, 600),
+                provenance=provenance(versions=versions))  # fmt: skip
+    nodes[0], triangles[0], versions["geomesh"] = 99, 0, "1"
     assert mesh.nodes[0].tolist() == [0, 0]
     assert mesh.triangles.tolist() == [[0, 2, 1]]
-    assert mesh.metadata["name"] == "one"
+    assert mesh.metadata["versions"] == {"geomesh": "0"}
 
 
 def test_arrays_have_the_types_of_the_design() -> None:
-    grid = GRIDS["north-up"]
+    grid = ORIENTATIONS["north-up"]
     mesh = Mesh([(0, 0), (40, 0), (0, 30)], [[0, 2, 1]], grid, DomainFacts("hull", 600, 1, 0, 600))
     assert mesh.nodes.dtype == np.float64
     assert mesh.triangles.dtype == np.int32
@@ -194,8 +141,8 @@ def test_a_derived_array_is_made_once(name: str, mesh: Mesh) -> None:
 
 def test_a_replaced_mesh_derives_its_own_arrays(mesh: Mesh) -> None:
     before = mesh.map_nodes
-    moved = replace(mesh, grid=GRIDS["rotated"])
-    np.testing.assert_array_equal(moved.map_nodes, GRIDS["rotated"].to_map(mesh.nodes))
+    moved = replace(mesh, grid=ORIENTATIONS["rotated"])
+    np.testing.assert_array_equal(moved.map_nodes, ORIENTATIONS["rotated"].to_map(mesh.nodes))
     assert mesh.map_nodes is before
 
 
@@ -204,12 +151,12 @@ def test_a_replaced_mesh_derives_its_own_arrays(mesh: Mesh) -> None:
     [("north-up", "EPSG:32618"), ("no georeference", "no CRS")],
 )
 def test_a_mesh_says_in_one_line_what_it_is(grid: str, expected: str) -> None:
-    mesh = make_mesh(GRIDS[grid])
+    mesh = frame_mesh(ORIENTATIONS[grid])
     assert repr(mesh) == f"<Mesh: 29 nodes, {len(mesh.triangles)} triangles, {expected}>"
 
 
 def test_nodes_lie_in_the_plane_that_the_pipeline_worked_on() -> None:
-    mesh = make_mesh(GRIDS["north-up"], plane_size=(256, 256))
+    mesh = frame_mesh(ORIENTATIONS["north-up"], plane_size=(256, 256))
     np.testing.assert_allclose(mesh.plane_nodes, mesh.nodes * np.array([256 / 40, 256 / 30]))
     assert mesh.plane_scale == (256 / 40, 256 / 30)
     corners = mesh.plane_nodes[mesh.triangles]
@@ -228,8 +175,8 @@ def test_a_mesh_turned_the_wrong_way_fails_on_every_grid(placed: Mesh) -> None:
 
 def test_pixel_counts_of_the_metadata_are_certified(mesh: Mesh) -> None:
     pixels = WIDTH * HEIGHT
-    right = replace(mesh, metadata={"pixels": {"covered": pixels, "counted": pixels}})
-    wrong = replace(mesh, metadata={"pixels": {"covered": pixels - 1, "counted": pixels - 1}})
+    right = replace(mesh, provenance=provenance(pixels=PixelCounts(pixels, pixels)))
+    wrong = replace(mesh, provenance=provenance(pixels=PixelCounts(pixels - 1, pixels - 1)))
     assert right.certify().passed
     assert not wrong.certify().passed
 
@@ -315,13 +262,13 @@ def test_areas_are_those_of_geopandas(placed: Mesh) -> None:
 
 
 def test_areas_in_feet_are_square_metres() -> None:
-    frame = make_mesh(replace(GRIDS["rotated"], crs=CRS(2263))).to_geodataframe("triangles")
+    frame = frame_mesh(replace(ORIENTATIONS["rotated"], crs=CRS(2263))).to_geodataframe("triangles")
     np.testing.assert_allclose(frame["area"], frame.geometry.area * (1200 / 3937) ** 2, rtol=1e-7)
 
 
 def test_geographic_areas_are_geodesic() -> None:
     grid = Grid(WIDTH, HEIGHT, Affine(1 / 3600, 0, -105.5, 0, -1 / 3600, 40.5), CRS(4269))
-    frame = make_mesh(grid).to_geodataframe("triangles")
+    frame = frame_mesh(grid).to_geodataframe("triangles")
     geod = Geod(ellps="GRS80")
     expected = [abs(geod.geometry_area_perimeter(shape)[0]) for shape in frame.geometry]
     np.testing.assert_allclose(frame["area"], expected, rtol=1e-5)
@@ -329,7 +276,7 @@ def test_geographic_areas_are_geodesic() -> None:
 
 @pytest.mark.parametrize("name", ["no georeference", "north-up"])
 def test_edge_lengths_are_taken_in_the_plane_of_the_image(name: str) -> None:
-    mesh = make_mesh(GRIDS[name])
+    mesh = frame_mesh(ORIENTATIONS[name])
     frame = mesh.to_geodataframe("edges")
     pixel = 30 if mesh.grid.crs else 1
     np.testing.assert_allclose(frame["length"], frame.geometry.length / pixel, rtol=1e-6)
@@ -374,11 +321,11 @@ def test_a_geodataframe_may_be_changed_without_changing_the_mesh(mesh: Mesh) -> 
 
 @pytest.mark.parametrize("layer", LAYERS)
 def test_a_mesh_without_triangles_has_empty_layers(layer: Any) -> None:
-    empty = Mesh(np.empty((0, 2)), np.empty((0, 3)), GRIDS["north-up"],
+    empty = Mesh(np.empty((0, 2)), np.empty((0, 3)), ORIENTATIONS["north-up"],
                  DomainFacts("hull", 0, 0, 0, 0))  # fmt: skip
     frame = empty.to_geodataframe(layer)
     assert len(frame) == 0
-    assert frame.crs == UTM
+    assert frame.crs == CRS(32618)
 
 
 # Graphs
@@ -460,14 +407,14 @@ def test_quality_on_the_map_scales_with_square_pixels(mesh: Mesh) -> None:
 
 @pytest.mark.parametrize("name", ["north-up", "south-up", "rotated", "rotated, south-up"])
 def test_normalised_ki_is_the_same_on_the_map_where_pixels_are_square(name: str) -> None:
-    mesh = make_mesh(GRIDS[name])
+    mesh = frame_mesh(ORIENTATIONS[name])
     image, on_map = mesh.quality().summary(), mesh.quality(space="map").summary()
     assert on_map["ki_normalised"] == pytest.approx(image["ki_normalised"], rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["north-up", "rotated", "sheared"])
 def test_quality_on_the_map_tells_the_rasters_sides_in_map_units(name: str) -> None:
-    mesh = make_mesh(GRIDS[name])
+    mesh = frame_mesh(ORIENTATIONS[name])
     left_top, right_top, left_bottom = mesh.grid.to_map([(0, 0), (WIDTH, 0), (0, HEIGHT)])
     sides = [math.dist(left_top, right_top), math.dist(left_top, left_bottom)]
     assert mesh.quality(space="map").summary()["size"] == pytest.approx(sides)

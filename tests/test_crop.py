@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import shapely
 from affine import Affine
-from conftest import SAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
@@ -21,8 +20,8 @@ from geomesh.parallel.workers import open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import open_scene
 from geomesh.raster.scene import Scene
+from support.samples import OLINDA
 
-OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 UTM = "EPSG:32618"
 WIDTH, HEIGHT = 60, 50
 # Pixel (row, col) holds 1000 row + col, so that what is read tells where it was.

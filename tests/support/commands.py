@@ -1,0 +1,78 @@
+"""The command line: how it is run, and what it left."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+# geomesh as a program of its own.
+PROGRAM = (sys.executable, "-c", "from geomesh.cli import main; main()")
+
+# What lies where a command is to write.
+OLD = b"an older mesh"
+
+
+class Run(NamedTuple):
+    """What a command left: exit code, standard output, standard error."""
+
+    code: int
+    out: str
+    err: str
+
+    def warnings(self) -> list[str]:
+        """The warnings, if there is nothing but warnings on standard error."""
+        lines = self.err.splitlines()
+        assert [line for line in lines if not line.startswith("Warning: ")] == []
+        return [line.removeprefix("Warning: ") for line in lines]
+
+    def error(self) -> str:
+        """The one error of a refused run, if it told nothing else but warnings."""
+        assert self.code == 1, self
+        assert self.out == ""
+        lines = [line for line in self.err.splitlines() if not line.startswith("Warning: ")]
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("Error: ")
+        assert "Traceback" not in self.err
+        assert "defect of geomesh" not in self.err
+        return lines[0].removeprefix("Error: ")
+
+
+Geomesh = Callable[..., Run]
+
+
+def snapshot(folder: Path) -> dict[str, bytes | None]:
+    """Everything in a folder, hidden or not: None for folders, else the content."""
+    return {
+        str(path.relative_to(folder)): None if path.is_dir() else path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def assert_refused(run: Geomesh, *arguments: str | Path, folder: Path, output: Path) -> str:
+    """Run a command that must fail, with and without an old output; return its error.
+
+    Nothing in `folder` may change: no output, no leftover, the old output as it was.
+    """
+    before = snapshot(folder)
+    error = run("mesh", "-o", output, *arguments).error()
+    assert snapshot(folder) == before
+    output.write_bytes(OLD)
+    assert run("mesh", "--overwrite", "-o", output, *arguments).error() == error
+    assert snapshot(folder) == before | {str(output.relative_to(folder)): OLD}
+    return error
+
+
+def run_program(*arguments: str | Path, **options: Any) -> Run:
+    """Run geomesh as a program of its own; `options` are those of subprocess.run."""
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        **options,
+    )
+    return Run(done.returncode, done.stdout, done.stderr)
