@@ -167,7 +167,8 @@ def writing(_scene_path: Path, kept: Kept) -> Timed:
 
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BATCH_ROWS
-    from geomesh.formats.geopackage import DATASET_OPTIONS, GPKG, LAYER_OPTIONS
+    from geomesh.formats.geopackage import DATASET_OPTIONS, LAYER_OPTIONS
+    from geomesh.formats.geopackage import FORMAT as GPKG
     from geomesh.parameters import LAYERS
 
     mesh, path = kept.load(kept.mesh), kept.folder / "bare.gpkg"

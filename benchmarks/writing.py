@@ -20,7 +20,7 @@ from benchmarks.timing import Row, alternate
 from geomesh.formats.arrow import Layer
 from geomesh.formats.batch_stream import BatchStream
 from geomesh.formats.format import LayerFile
-from geomesh.formats.geopackage import GPKG
+from geomesh.formats.geopackage import FORMAT as GPKG
 from geomesh.io.gdal_process import write_arrow
 from geomesh.io.write import write_mesh
 from geomesh.parameters import LayerName

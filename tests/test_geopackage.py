@@ -18,7 +18,7 @@ import shapely
 import geomesh
 from geomesh.formats import geopackage, registry
 from geomesh.formats.format import PENDING
-from geomesh.formats.geopackage import GPKG
+from geomesh.formats.geopackage import FORMAT as GPKG
 from geomesh.io.gdal_process import WriterPool
 from geomesh.io.write import open_writer
 from support.files import contents

@@ -10,7 +10,7 @@ from scipy.io import netcdf_file
 
 from geomesh.arrays.table import Table
 from geomesh.errors import OutputError
-from geomesh.formats.ugrid import UGRID
+from geomesh.formats.ugrid import FORMAT as UGRID
 from geomesh.io.write import write_mesh
 from support.meshes import GEOREFERENCES, random_mesh, two_triangles
 

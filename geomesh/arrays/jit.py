@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numba.core import types
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from geomesh.arrays.kernel_cache import open_cache
 
@@ -116,6 +116,6 @@ def prepare_kernels(begin: Callable[[], None]) -> None:
         each.prepare(first)
 
 
-def as_float64(bands: NDArray[Any]) -> NDArray[np.float64]:
-    """Return bands as contiguous float64, the one type that kernels read pixels in."""
-    return np.ascontiguousarray(bands, dtype=np.float64)
+def contiguous(array: ArrayLike, dtype: Any) -> NDArray[Any]:
+    """Return an array as kernels take it; the array itself, if it is so already."""
+    return np.ascontiguousarray(array, dtype=dtype)

@@ -9,17 +9,17 @@ from geomesh.arrays.jit import int32, int64, kernel, reads, void, writes
 from geomesh.arrays.types import Ids
 
 
-def stable_order(keys: Ids, count: int) -> Ids:
+def stable_order(keys: NDArray[np.integer], count: int) -> Ids:
     """Return the order, int32 (n,), that sorts keys; equal ones stay in their order.
 
     Parameters
     ----------
-    keys : int32 (n,)
+    keys : int (n,)
         From 0 to `count` - 1.
     count : int
     """
     order: NDArray[np.int32] = np.empty(len(keys), np.int32)
-    _count_and_place(np.ascontiguousarray(keys), np.zeros(count + 1, np.int64), order)
+    _count_and_place(np.ascontiguousarray(keys, np.int32), np.zeros(count + 1, np.int64), order)
     return order
 
 

@@ -16,6 +16,4 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
     write_by_gdal(layer, file, stream, write_rows, layer_options={"SPATIAL_INDEX": "YES"})
 
 
-FLATGEOBUF = Format(
-    "FlatGeobuf", (".fgb",), _write, count_by_gdal, read_document_by_gdal, by_gdal=True
-)
+FORMAT = Format("FlatGeobuf", (".fgb",), _write, count_by_gdal, read_document_by_gdal, by_gdal=True)

@@ -60,7 +60,7 @@ def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
     return int(pyogrio.read_info(plain_name(path), force_feature_count=True)["features"])
 
 
-GEOJSON = Format(
+FORMAT = Format(
     "GeoJSON",
     (".geojson", ".json"),
     _write,

@@ -159,7 +159,7 @@ def _count_rows(path: Path, layer: str) -> int:
     return int(rows)
 
 
-GPKG = Format(
+FORMAT = Format(
     "GPKG",
     (".gpkg",),
     _write,

@@ -56,6 +56,6 @@ def _read_document(path: Path) -> str:
     return str((pq.read_schema(path).metadata or {})[KEY.encode()].decode())
 
 
-PARQUET = Format(
+FORMAT = Format(
     "Parquet", (".parquet", ".geoparquet"), _write, _count_rows, _read_document, reserved=(_BBOX,)
 )

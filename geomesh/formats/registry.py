@@ -1,24 +1,25 @@
-"""The registry of formats: a new one is a module of its own and a line here."""
+"""The registry of formats: a new one is a module of its own, with a FORMAT, and a line here."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
 
 from geomesh.errors import OutputError
-from geomesh.formats.flatgeobuf import FLATGEOBUF
 from geomesh.formats.format import Format
-from geomesh.formats.geojson import GEOJSON
-from geomesh.formats.geopackage import GPKG
-from geomesh.formats.geoparquet import PARQUET
-from geomesh.formats.ugrid import UGRID
 
-FORMATS: tuple[Format, ...] = (
-    GPKG,
-    GEOJSON,
-    FLATGEOBUF,
-    PARQUET,
-    UGRID,
+# A line for each format, in the order in which help texts and messages list them.
+_MODULES = (
+    "geopackage",
+    "geojson",
+    "flatgeobuf",
+    "geoparquet",
+    "ugrid",
+)
+
+FORMATS: tuple[Format, ...] = tuple(
+    import_module(f"geomesh.formats.{name}").FORMAT for name in _MODULES
 )
 
 DRIVERS = tuple(known.driver for known in FORMATS)

@@ -157,4 +157,4 @@ def _read_document(path: Path) -> str:
         return str(dataset._attributes[KEY].decode())
 
 
-UGRID = Format("UGRID", (".nc",), _write, _count_rows, _read_document, layers=("triangles",))
+FORMAT = Format("UGRID", (".nc",), _write, _count_rows, _read_document, layers=("triangles",))

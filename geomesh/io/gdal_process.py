@@ -1,8 +1,8 @@
 """Processes that write layers with GDAL, beside the one that computes.
 
 pyogrio keeps the interpreter's lock while GDAL writes a batch or builds an index: in a thread
-of the same process, everything else would wait. This file is also the program that such a
-process runs, so at its top it imports little.
+of the same process, everything else would wait. `main` is the program that such a process
+runs, so at its top this module imports little.
 
 On its standard input a process gets, for each layer, a line of JSON (keywords of
 `write_arrow`) and an Arrow stream of the rows; it answers with a line of JSON.
@@ -30,7 +30,7 @@ class WriterPool(ProcessPool):
     """
 
     def __init__(self, count: int) -> None:
-        super().__init__([__file__], count, quiet=True)
+        super().__init__(__name__, count, quiet=True)
 
     def write(self, schema: Any, batches: Iterator[Any], options: Mapping[str, Any]) -> None:
         """Write a layer.
@@ -110,7 +110,3 @@ def main() -> None:
         except Exception as failure:
             error = " ".join(str(failure).split()) or type(failure).__name__
         print(json.dumps({"error": error}), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import float64, int32, int64, kernel, reads, void, writes
+from geomesh.arrays.jit import contiguous, float64, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.table import blocks
 from geomesh.mesh.certificate import Certificate, Check, DomainFacts
 from geomesh.mesh.provenance import PixelCounts
@@ -58,6 +58,7 @@ def certify(
         return Certificate(
             (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
         )
+    nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
     edges, plane = build_edges(triangles), nodes * plane_scale
     used = np.zeros(len(nodes), np.bool_)
     used[triangles] = True
@@ -179,7 +180,7 @@ def _check_delaunay(
     # An edge used twice in one direction has no far side; the manifold check tells of it.
     free &= (edges.left != FILL) & (edges.right != FILL)
     counts = np.zeros(2, np.int64)
-    _test_circles(points, triangles, *edges[:3], np.flatnonzero(free), counts)
+    _test_circles(points, triangles, *edges[:3], np.flatnonzero(free).astype(np.int64), counts)
     violations, ties = counts.tolist()
     return Check(
         "empty circumcircles (Delaunay; constrained where constraints are)",

@@ -56,7 +56,7 @@ def build_edges(triangles: Triangles) -> Edges:
     edge = np.cumsum(first, dtype=np.int32) - np.int32(1)
     starts = np.flatnonzero(first)
     left, right = np.full((2, len(starts)), FILL, np.int32)
-    upward = triangles[triangle, corner] == low
+    upward = (triangles[triangle, corner] == low) & (low < high)
     left[edge[upward]] = triangle[upward]
     right[edge[~upward]] = triangle[~upward]
     uses = np.diff(starts, append=len(low)).astype(np.int32)

@@ -9,12 +9,17 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Any, Self
 
 # Seconds for a process to clean up after it was asked to end.
 _GRACE = 3.0
+
+
+# Where geomesh is, wherever that was imported from.
+_PACKAGES = str(Path(__file__).parents[2])
 
 
 class Process:
@@ -22,16 +27,17 @@ class Process:
 
     Parameters
     ----------
-    arguments : sequence of str
-        Of the Python interpreter.
+    module : str
+        Whose `main` it runs.
     quiet : bool
         Whether its standard error is thrown away.
     """
 
-    def __init__(self, arguments: Sequence[str], *, quiet: bool) -> None:
+    def __init__(self, module: str, *, quiet: bool) -> None:
+        code = f"import sys; sys.path.append({_PACKAGES!r}); from {module} import main; main()"
         # -P: modules in the user's working folder do not belong to geomesh.
         self._process = subprocess.Popen(
-            [sys.executable, "-P", *arguments],
+            [sys.executable, "-P", "-c", code],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL if quiet else None,
@@ -83,17 +89,17 @@ class ProcessPool:
 
     Parameters
     ----------
-    arguments : sequence of str
-        Of the Python interpreter.
+    module : str
+        Whose `main` they run.
     count : int
         How many to start in advance.
     quiet : bool
         Whether their standard error is thrown away.
     """
 
-    def __init__(self, arguments: Sequence[str], count: int, *, quiet: bool = False) -> None:
+    def __init__(self, module: str, count: int, *, quiet: bool = False) -> None:
         self.count = count
-        self._arguments = arguments
+        self._module = module
         self._quiet = quiet
         self._lock = threading.Lock()
         self._idle: list[Process] = []
@@ -143,7 +149,7 @@ class ProcessPool:
         return [process.pid for process in busy]
 
     def _start(self) -> Process:
-        return Process(self._arguments, quiet=self._quiet)
+        return Process(self._module, quiet=self._quiet)
 
 
 def send(action: Callable[..., Any], *arguments: Any) -> bool:

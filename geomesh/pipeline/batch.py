@@ -171,7 +171,7 @@ def open_batch(
         pool = None
         if side_by_side and min(size, len(jobs)) > 1:
             count = min(size, len(jobs))
-            pool = stack.enter_context(ProcessPool(["-m", "geomesh.pipeline.batch_process"], count))
+            pool = stack.enter_context(ProcessPool("geomesh.pipeline.batch_process", count))
             pool.warm()
         batch = Batch(jobs, stack, open_workers, min(size, _MOST_LAYERS), pool)
         try:

@@ -82,7 +82,3 @@ def _teller(answers: Any) -> Progress:
             answers.flush()
 
     return tell
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.jit import as_float64
 from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.raster.grid import Window
 from geomesh.surface.kernels import project
@@ -68,10 +67,16 @@ def normal_equations(
     window : Window
     """
     gram, moments = np.zeros((len(triangles), 6)), np.zeros(values.shape)
-    valid = np.ascontiguousarray(valid, dtype=np.bool_)
-    start = np.ascontiguousarray(values, dtype=np.float64)
     project(
-        nodes, triangles, start, as_float64(bands), valid, window.row, window.col, gram, moments
+        contiguous(nodes, np.float64),
+        contiguous(triangles, np.int32),
+        contiguous(values, np.float64),
+        contiguous(bands, np.float64),
+        contiguous(valid, np.bool_),
+        window.row,
+        window.col,
+        gram,
+        moments,
     )
     return NormalEquations(gram, moments)
 

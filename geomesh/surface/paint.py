@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from geomesh.arrays.jit import contiguous
 from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.raster.grid import Window
 from geomesh.surface.kernels import paint_linear
@@ -65,7 +66,14 @@ def reconstruct(
             np.moveaxis(padded[find_owners(nodes, triangles, window)], -1, 0)
         )
     image = np.full((values.shape[1], *window.shape), np.nan)
-    paint_linear(nodes, triangles, np.ascontiguousarray(values), window.row, window.col, image)
+    paint_linear(
+        contiguous(nodes, np.float64),
+        contiguous(triangles, np.int32),
+        contiguous(values, np.float64),
+        window.row,
+        window.col,
+        image,
+    )
     return image
 
 

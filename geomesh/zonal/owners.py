@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geomesh.arrays.jit import float64, int32, int64, kernel, reads, void, writes
+from geomesh.arrays.jit import contiguous, float64, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.types import Ids, Points, Triangles
 from geomesh.mesh.topology import FILL
 from geomesh.raster.grid import Window
@@ -29,6 +29,7 @@ def find_owners(nodes: Points, triangles: Triangles, window: Window) -> Ids:
         overlap, the last one.
     """
     owners = np.full(window.shape, FILL, np.int32)
+    nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
     _fill_owners(nodes, triangles, window.row, window.col, owners)
     return owners
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geomesh.arrays.jit import contiguous
 from geomesh.arrays.table import read_only
 from geomesh.arrays.types import Counts, Floats, Ids, Mask, Points, Triangles
 from geomesh.parallel.progress import Progress
@@ -151,7 +152,8 @@ def measure_tile(
         raise ValueError(f"bands {bands.shape} and valid {valid.shape} do not cover {window}")
     if window.clip(core) != core:
         raise ValueError(f"the core {core} is not inside {window}")
-    valid = np.ascontiguousarray(valid, dtype=np.bool_)
+    nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
+    valid = contiguous(valid, np.bool_)
     near = triangles_in_box(nodes, triangles, (core.col, core.stop_col, core.row, core.stop_row))
     pixels, stops = np.zeros((2, len(near)), np.int64)
     members = np.empty(core.width * core.height + 1, np.int32)
