@@ -353,5 +353,5 @@ def test_full_disk_is_told_and_the_old_file_is_kept(
     errors = [line for line in run.err.splitlines() if line.startswith("Error")]
     assert len(errors) == (0 if fits else 1)
     for error in errors:
-        assert re.match(rf"Error: {output} .*free some space, or choose another folder", error)
+        assert re.match(rf"Error: {output} .*free some space,? or choose another folder", error)
     assert "Traceback" not in run.err
