@@ -10,11 +10,12 @@ SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
 SITE := build/docs
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint docs bench bench-scale plugin test-qgis qgis-is-there clean
+.PHONY: help demo test test-fast lint docs bench bench-scale plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
 	@echo "make test    run everything: pytest, ruff, mypy, import-linter"
+	@echo "make test-fast  pytest without its slow tests: less than two minutes"
 	@echo "make lint    ruff, mypy and import-linter alone"
 	@echo "make docs    build the documentation into $(SITE)/"
 	@echo "make bench   compare speed with the peers, in one run"
@@ -59,6 +60,9 @@ demo: $(BIN)/.installed
 test: $(BIN)/.developing
 	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup
 	$(MAKE) --no-print-directory lint
+
+test-fast: $(BIN)/.developing
+	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup -m "not slow"
 
 lint: $(BIN)/.developing
 	$(BIN)/ruff check .

@@ -500,7 +500,7 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(
         (["-o", kept], "exists; use --overwrite"),
         (["-o", tmp_path / "none" / "t.csv"], "does not exist; create it first"),
         (["-o", tmp_path], "is a folder"),
-        (["--figure", tmp_path / "t.bmp"], "no extension of a picture"),
+        (["--figure", tmp_path / "t.bmp"], "t.bmp is not named as a picture; choose from .png"),
         (["--figure", image, "--overwrite"], "which is read; choose another name"),
     ]
     for options, told in cases:
@@ -521,7 +521,7 @@ def test_a_disk_that_is_full_in_the_end_does_not_cost_the_tables(tmp_path, monke
     monkeypatch.setattr("geomesh.evaluate.comparison.staged", fail)
     stdout, stderr = run(OLINDA, "-o", tmp_path / "t.csv", code=1)
     assert stderr.count("\n") == 1
-    assert "t.csv could not be written: No space left on device" in stderr
+    assert "t.csv could not be written: no space left on device; free some space or" in stderr
     assert "\n  olinda" in stdout
     assert "written" not in stdout
     assert list(tmp_path.iterdir()) == []

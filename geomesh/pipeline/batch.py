@@ -92,6 +92,7 @@ class Batch:
         self._whole: tuple[Workers, WriterPool] | None = None
         self._pool = pool
         self._waiting = deque(jobs)
+        self._has_mask = any(job.reading.get("mask") is not None for job in jobs)
         self._tickets: deque[_Ticket] = deque()
         self._threads = ThreadPoolExecutor(pool.count if pool else 1, "geomesh-batch")
         self._first = threading.Event()
@@ -133,7 +134,8 @@ class Batch:
             from geomesh.io.gdal_process import WriterPool, load_pyogrio
             from geomesh.parallel.background import in_background
 
-            in_background(load_pyogrio)
+            if not self._has_mask:  # reading it imports geopandas, perhaps at the same time
+                in_background(load_pyogrio)
             workers = self._stack.enter_context(self._open_workers())
             self._whole = workers, self._stack.enter_context(WriterPool(self._writers))
         return self._whole

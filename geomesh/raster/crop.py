@@ -116,11 +116,14 @@ def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
 
     if isinstance(mask, str | PathLike):
         try:
-            mask = pyogrio.read_dataframe(mask, columns=[])
+            # Not as a data frame: pyogrio may have been loaded without geopandas.
+            about, _, shapes, _ = pyogrio.raw.read(mask, columns=[])
         except DataSourceError as error:
             raise SourceError(
                 f"{name} cannot be read as a vector file; give polygons in a file such as .gpkg"
             ) from error
+        if shapes is not None:
+            return gpd.GeoSeries(shapely.from_wkb(shapes), crs=about["crs"])
     if isinstance(mask, gpd.GeoDataFrame | gpd.GeoSeries):
         return gpd.GeoSeries(mask.geometry)
     raise SourceError(f"{name} has no geometry; give a file, GeoDataFrame or GeoSeries of polygons")
