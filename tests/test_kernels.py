@@ -228,7 +228,9 @@ def test_two_first_runs_at_the_same_time_and_a_quick_second_one(tmp_path: Path) 
 def test_a_full_folder_is_said_once_and_the_mesh_is_made(tmp_path: Path) -> None:
     full = tmp_path / "full"
     full.mkdir()
-    with mounted("tmpfs", full, options="size=16k"):
+    with mounted(full, "16k") as allowed:
+        if not allowed:
+            pytest.skip("file systems cannot be mounted here")
         (full / "filling").write_bytes(b"x" * 8192)
         told = events(mesh(full, tmp_path / "mesh.gpkg"))
     warned = [event["message"] for event in told if event["event"] == "log"]

@@ -75,8 +75,10 @@ class KernelCache(FunctionCache):
         self._open()
         try:
             found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except Exception:  # a file that another program damaged: compile anew
+        except Exception:  # a file that another program damaged
             found = None
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
         if found is None:
             self.before_compiling()
         return found

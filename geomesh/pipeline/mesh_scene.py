@@ -74,13 +74,15 @@ def mesh_scene(
     _require_reach(scene, workers)
     notes = (*scene.notes, *_notes_on_memory(scene, recipe))
     _warn(notes)
-    compiling = threading.Event()
-    later_stages = in_background(lambda: _load_later_stages(compiling.set))
+    news = threading.Event()
+    later_stages = in_background(lambda: _load_later_stages(news.set))
+    later_stages.add_done_callback(lambda _: news.set())
     with scene.open():
         tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
-        detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.7))
-        if compiling.is_set() and not later_stages.done():
+        detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.68))
+        news.wait()
+        if not later_stages.done():
             progress(0.7, "Compiling, once")
         later_stages.result()
         progress(0.7, "Triangulating")
