@@ -62,6 +62,7 @@ class People:
     def __init__(self, *, bar: bool, quiet: bool = False) -> None:
         self._bar = bar
         self._quiet = quiet
+        self._is_interrupted = False
 
     def start(self, command: str, source: str) -> None:
         """Say nothing: the bar and the result do."""
@@ -86,7 +87,10 @@ class People:
         click.echo(f"Error: {message}", err=True)
 
     def interrupted(self) -> None:
-        """Say it on a line of its own, below a bar."""
+        """Say it once, on a line of its own, below a bar."""
+        if self._is_interrupted:
+            return
+        self._is_interrupted = True
         click.echo("Interrupted: what was being written was left as it was.", err=True)
 
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
@@ -97,6 +101,9 @@ class People:
 
 class JsonLines:
     """One JSON object a line on standard output."""
+
+    def __init__(self) -> None:
+        self._is_interrupted = False
 
     def _tell(self, event: str, **values: Any) -> None:
         click.echo(json.dumps({"event": event, **values}, ensure_ascii=True))
@@ -132,7 +139,10 @@ class JsonLines:
         self._tell("error", code=code, message=message)
 
     def interrupted(self) -> None:
-        """Tell it as an error."""
+        """Tell it once, as an error."""
+        if self._is_interrupted:
+            return
+        self._is_interrupted = True
         self.error("interrupted", "what was being written was left as it was")
 
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
@@ -177,6 +187,17 @@ def spell(message: str) -> str:
 
 
 @contextmanager
+def interruptible(console: Console) -> Iterator[None]:
+    """Say that the work was stopped, if it is."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        with suppress(OSError):  # whoever listened may have gone
+            console.interrupted()
+        raise
+
+
+@contextmanager
 def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str]]:
     """Turn errors into one line (kept in the list that is yielded) and warnings into messages.
 
@@ -188,7 +209,7 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
         if issubclass(category, GeomeshWarning) or debug:
             console.warn(f"{about}{spell(str(message))}")
 
-    with warnings.catch_warnings():
+    with interruptible(console), warnings.catch_warnings():
         warnings.simplefilter("always", GeomeshWarning)
         warnings.showwarning = show
         try:
@@ -198,10 +219,6 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
             console.error(error.code, failures[-1])
             if debug:
                 raise
-        except (KeyboardInterrupt, SystemExit):
-            with suppress(OSError):  # whoever listened may have gone
-                console.interrupted()
-            raise
         except MemoryError:
             failures.append("not enough memory")
             console.error("memory", "not enough memory: choose a smaller part with --bounds")

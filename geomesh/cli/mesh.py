@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import Console, guarded, open_console, spell
+from geomesh.cli.console import Console, guarded, interruptible, open_console, spell
 from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
 from geomesh.cli.outputs import protect_inputs
 from geomesh.errors import OutputError
@@ -97,7 +97,8 @@ def mesh(
         raise click.UsageError("--workers and --scheduler exclude each other: choose one")
     console = open_console(progress, quiet=as_json)
     plan, outcomes = _Plan((), None), list[dict[str, Any]]()
-    with ExitStack() as stack:
+    # Between two rasters, too.
+    with interruptible(console), ExitStack() as stack:
         with guarded(console, debug) as failures:
             plan = _plan(sources, **options)
             batch = stack.enter_context(_open_batch(plan.jobs, workers, scheduler, debug))
