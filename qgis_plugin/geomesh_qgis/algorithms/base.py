@@ -34,6 +34,7 @@ _WORDS = {
     "--set sobel=true": "Sobel (advanced)",
     "--bounds": "the extent",
     "--mask": "the mask",
+    "override the nodata value with --nodata": "set another nodata value",
     "--nodata": "the nodata value",
     "--bidx": "the bands",
     "--gray": "Gray image",
