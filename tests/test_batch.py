@@ -137,7 +137,7 @@ def test_what_is_there_is_left_and_what_is_missing_is_made(chips: list[Path], ma
     run = again(chips, made, "--nodes", "60")
     assert run.code == 0
     assert [result["skipped"] for result in outcomes(run)] == [True, False]
-    assert outcomes(run)[0]["nodes"] == 60
+    assert outcomes(run)[0]["nodes"] == len(geomesh.read_mesh(first).nodes)
     assert (first.stat().st_mtime_ns, first.read_bytes()) == before
     assert second.exists()
 
@@ -283,7 +283,9 @@ def test_a_batch_that_is_stopped_leaves_whole_meshes_only(
         process.send_signal(number)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == code
-    assert errors.strip().splitlines()[-1] == "Interrupted: what was being written was left as it was."
+    assert (
+        errors.strip().splitlines()[-1] == "Interrupted: what was being written was left as it was."
+    )
     assert hidden(tmp_path / "out") == []
     done = list((tmp_path / "out").glob("*.gpkg"))
     assert 0 < len(done) < len(many)

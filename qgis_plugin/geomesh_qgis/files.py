@@ -52,11 +52,14 @@ def find_output_fault(path: str, project: QgsProject | None, read: Iterable[str]
         Files that the same run reads.
     """
     if "|" in path:
-        return f"{path} has a | in its name, which QGIS takes for the end of a file's name."
+        return (
+            f"{path} has a | in its name, which QGIS takes for the end of the name: choose "
+            "another name."
+        )
     if not Path(path).absolute().parent.is_dir():
         return f"The folder of {path} does not exist: create it first."
     if any(is_same_file(path, other) for other in read):
-        return f"{path} is read by the same run: choose another file."
+        return f"{path} is an input of the same run: choose another file."
     for layer in project.mapLayers().values() if project else ():
         if any(is_same_file(path, shown) for shown in layer_files(layer)):
             return (
@@ -70,7 +73,7 @@ def find_format_fault(path: str) -> str:
     """Return why a mesh cannot be written in the format of a file, or an empty text."""
     if Path(path).suffix.lower() in _SUFFIXES:
         return ""
-    return f"{path} has no extension that geomesh knows: choose {', '.join(_SUFFIXES)}."
+    return f"{path} has no extension that geomesh knows: choose one of {', '.join(_SUFFIXES)}."
 
 
 def _canonical(path: str) -> str:

@@ -50,7 +50,7 @@ class RasterInput:
     options : tuple of str
         Options of geomesh for what only the layer knows.
     notes : tuple of str
-        What is set on the layer and cannot be heeded.
+        What is set on the layer and cannot be used.
     placed : bool
         Whether it has a georeference; QGIS shows a raster without one below y = 0.
     size : (int, int)
@@ -79,8 +79,8 @@ def find_raster_fault(layer: QgsRasterLayer | None) -> str:
         return "The raster cannot be read: choose another one."
     if layer.width() <= 0 or layer.height() <= 0:
         return (
-            f"{layer.name()} has no pixels of its own: export it first (Layer > Save As…), "
-            "and mesh the file."
+            f"{layer.name()} has no pixels of its own: save it as a file first (Layer > Save As…) "
+            "and mesh that file."
         )
     return ""
 
@@ -97,7 +97,7 @@ def describe_raster(layer: QgsRasterLayer) -> RasterInput:
     if layer.crs().isValid() and (not source or layer.crs() != provider.crs()):
         options += ["--crs", _spell(layer.crs())]
     if provider.crs().isValid() and not layer.crs().isValid():
-        notes.append("the layer has no CRS, but the file has one: the mesh gets that")
+        notes.append("the layer has no CRS, but the file has one: the mesh has the CRS of the file")
     if nodata.value is not None and not nodata.added:
         options += ["--nodata", repr(nodata.value)]
     size = (layer.width(), layer.height())
@@ -168,7 +168,7 @@ def export_mask(
             break
         feature.setAttributes([])
         if not writer.addFeature(feature, QgsFeatureSink.Flag.FastInsert):
-            raise QgsProcessingException(f"the mask cannot be read: {writer.errorMessage()}")
+            raise QgsProcessingException(f"The mask cannot be read: {writer.errorMessage()}")
     del writer  # closes the file
     return path
 
@@ -193,7 +193,7 @@ class _Nodata:
     added : bool
         Whether the file has another one, which holds as well.
     notes : tuple of str
-        What cannot be heeded.
+        What cannot be used.
     """
 
     value: float | None = None
@@ -207,8 +207,8 @@ def _find_nodata(provider: QgsRasterDataProvider) -> _Nodata:
     notes = []
     if any(not provider.useSourceNoDataValue(band) for band in own):
         notes.append(
-            "the raster's own nodata value is switched off on the layer: geomesh heeds it all "
-            "the same"
+            "the raster's own nodata value is switched off in the layer properties, but geomesh "
+            "uses it anyway"
         )
     ranges = [provider.userNoDataValues(band) for band in bands]
     if not any(ranges):
@@ -217,8 +217,8 @@ def _find_nodata(provider: QgsRasterDataProvider) -> _Nodata:
     (low, high) = next(iter(found))
     if len(found) > 1 or low != high or not all(ranges):
         notes.append(
-            "the additional nodata values of the layer are not one value for all bands: geomesh "
-            "does not heed them"
+            "the additional nodata values of the layer are not one single value for all bands, so "
+            "geomesh does not use them"
         )
         return _Nodata(notes=tuple(notes))
     if own and all(provider.sourceNoDataValue(band) == low for band in own):

@@ -50,11 +50,11 @@ def _as_text(document: dict) -> str:
     canny = document.get("canny", {})
     lines = [
         f"A mesh of {counts.get('nodes', 0):,} nodes and {counts.get('triangles', 0):,} triangles "
-        f"of {document.get('source', {}).get('name', '')}",
+        f"made from {document.get('source', {}).get('name', '')}",
         "",
         "Recipe",
         *(f"{name}: {_spell(value)}" for name, value in document.get("recipe", {}).items()),
-        *(f"Canny's {name} threshold, as used: {value:.4g}" for name, value in canny.items()),
+        *(f"Canny's {name} threshold that was used: {value:.4g}" for name, value in canny.items()),
         "",
         "Certificate",
         *(

@@ -42,7 +42,7 @@ def quality_report(name: str, summary: Mapping[str, Any], unit: str) -> str:
         for measure, values in summary["measures"].items()
     )
     small = "".join(
-        f"<li>{share or 0:.2%} of the triangles have an angle under {limit}°</li>"
+        f"<li>{share or 0:.2%} of the triangles have an angle below {limit}°</li>"
         for limit, share in summary["share_min_angle_under"].items()
     )
     body = (
@@ -50,7 +50,7 @@ def quality_report(name: str, summary: Mapping[str, Any], unit: str) -> str:
         f'<table cellspacing="0"><tr><th class="name">measure</th>{head}</tr>{rows}</table>'
         f"<ul>{small}"
         f"<li>Ki / √(area / nodes) = {_spell(summary['ki_normalised'])}, "
-        "which unlike Ki does not depend on how fine a mesh is</li></ul>"
+        "which, unlike Ki, does not depend on the number of nodes</li></ul>"
         f"<p>{escape(summary['labelling'])}.</p>"
     )
     return _page(f"Quality of {name}", body)

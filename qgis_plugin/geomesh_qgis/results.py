@@ -107,7 +107,7 @@ def _open(uri: str, name: str, *, is_mesh: bool = False) -> QgsMapLayer:
     """Return a layer with the style that is kept with its data."""
     layer = QgsMeshLayer(uri, name, "mdal") if is_mesh else QgsVectorLayer(uri, name, "ogr")
     if not layer.isValid():
-        raise QgsProcessingException(f"QGIS cannot read {uri}, though geomesh has written it.")
+        raise QgsProcessingException(f"QGIS cannot read {uri}, although geomesh has written it.")
     if layer.crs().description().startswith(_UNDEFINED):
         layer.setCrs(QgsCoordinateReferenceSystem())
     layer.loadDefaultStyle()

@@ -58,7 +58,7 @@ def test_warnings_reach_the_user(run, samples):
         ({"NODES": "1%"}, "give a number"),
         ({"STRETCH": "50,2"}, "two rising numbers"),
         ({"OUTPUT": "/nowhere/mesh.gpkg"}, "does not exist: create it first"),
-        ({"OUTPUT": "a|b.gpkg"}, "takes for the end"),
+        ({"OUTPUT": "a|b.gpkg"}, "takes for the end of the name"),
         ({"MESH": "/nowhere/mesh.nc"}, "does not exist: create it first"),
         ({"GRAY": "blue"}, "choose luma, mean, pca or band:N"),
         ({"RESIZE": "big"}, "give width and height"),
@@ -66,7 +66,7 @@ def test_warnings_reach_the_user(run, samples):
         ({"STRETCH": [98, 2]}, "two rising numbers"),
         ({"STRETCH": [math.nan, 98]}, "two rising numbers"),
         ({"OUTPUT": "mesh.shp"}, "no extension that geomesh knows"),
-        ({"MESH": "mesh.2dm"}, "another extension than .nc"),
+        ({"MESH": "mesh.2dm"}, "does not end in .nc"),
         ({"OUTPUT": "mesh.fgb", "MESH": "mesh.nc"}, "would share one style file"),
     ],
 )
@@ -95,7 +95,7 @@ def test_what_is_read_is_not_written_over(provider, run, olinda, tmp_path, proje
         (tmp_path / "x").mkdir(exist_ok=True)
         passed, reason = algorithm.checkParameterValues(given, QgsProcessingContext())
         assert not passed
-        assert "is read by the same run" in reason
+        assert "is an input of the same run" in reason
         # And where nothing is checked before, as in a batch:
         before = raster.read_bytes()
         assert not algorithm.run(given, QgsProcessingContext(), Listener())[1]

@@ -70,10 +70,10 @@ def test_nodata_of_the_layer_beside_that_of_the_file(run, samples, layer_with_no
 
 
 @pytest.mark.parametrize("bands", [(1, 2, 3), (2,)])
-def test_nodata_that_cannot_be_heeded_is_told(run, olinda, layer_with_nodata, bands):
+def test_nodata_that_cannot_be_used_is_told(run, olinda, layer_with_nodata, bands):
     feedback = Listener()
     run(layer_with_nodata(olinda, 0, 9, bands), feedback=feedback, NODES=50)
-    assert any("does not heed" in warning for warning in feedback.warnings)
+    assert any("geomesh does not use them" in warning for warning in feedback.warnings)
 
 
 def test_open_options_of_the_layer(run, olinda, tmp_path, project):

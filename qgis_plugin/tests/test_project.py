@@ -56,7 +56,7 @@ def test_recipe_and_certificate_are_in_the_layer_properties(loaded):
     metadata = layer.metadata()
     assert "150 nodes" in metadata.abstract()
     assert "canny_low: not set\n" in metadata.abstract()
-    assert "Canny's low threshold, as used: 1" in metadata.abstract()
+    assert "Canny's low threshold that was used: 1" in metadata.abstract()
     assert "<" not in metadata.abstract()
     assert "empty circumcircles" in metadata.abstract()
     assert metadata.crs().authid() == "EPSG:31985"

@@ -187,7 +187,7 @@ def test_without_geomesh_the_page_offers_to_install_it(open_page, wheel):
 
 def test_a_copy_without_a_wheel_does_not_offer_it(driver):
     assert not driver.button("install").isEnabled()
-    assert "came without geomesh" in driver.text("managed")
+    assert "does not contain geomesh" in driver.text("managed")
 
 
 def test_what_is_used_is_shown(open_page, monkeypatch, geomesh_python):
@@ -316,7 +316,7 @@ def test_an_installation_that_is_not_used_says_so(open_page, player, geomesh_pyt
     driver.press("install")
     driver.wait()
     assert driver.text("status") == (
-        "geomesh 0.1.0 is installed, but the one named by the plugin's setting is used."
+        "geomesh 0.1.0 is installed, but the plugin uses the one specified by the plugin's setting."
     )
 
 

@@ -22,7 +22,7 @@ from ..files import find_format_fault, find_output_fault
 from ..inputs import RasterInput, describe_raster
 
 PRESETS = {
-    "features": "features: the raster's own resolution",
+    "features": "features: at the raster's own resolution",
     "paper": "paper: the published system, at 256 × 256 pixels",
 }
 
@@ -30,14 +30,15 @@ _FOLDER = Path(__file__).parents[1]
 
 # What geomesh calls its options, and what the dialog calls them.
 _WORDS = {
-    "--set edge_distance=null or min_spacing=1 gives": "a least distance between nodes of 1 gives",
-    "--set sobel=true finds": "Sobel (advanced) finds",
+    "--set edge_distance=null or --set min_spacing=1": "a minimum distance between nodes of 1",
+    "--set sobel=true": "Sobel (advanced)",
     "--bounds": "the extent",
     "--mask": "the mask",
+    "override the nodata value with --nodata": "set another nodata value",
     "--nodata": "the nodata value",
     "--bidx": "the bands",
-    "--gray": "gray image",
-    "give another (--crs)": "set another one on the layer",
+    "--gray": "Gray image",
+    "give another with --crs": "set another one on the layer",
 }
 
 

@@ -33,12 +33,12 @@ class MeshQuality(GeomeshAlgorithm):
     TITLE = "Mesh quality"
     GROUP = "Inspect"
     TAGS = ("triangles", "Ki", "angle", "aspect ratio", "shape", "measure", "statistics")
-    SUMMARY = "Measures every triangle of a mesh: Ki of the paper and the standard measures."
+    SUMMARY = "Measures every triangle of a mesh: the paper's Ki and the standard quality measures."
     HELP = """
-<p>The output has one field for each measure; the report in the results viewer sums them up.
-Lengths are in pixels of the image, or in map units: then the names of the fields begin with
-<i>map_</i>.</p>
-<p><b>Mesh</b>: any layer of a GeoPackage that <i>Raster to mesh</i> has written.</p>
+<p>The output has one field for each measure. The report in the results viewer shows a summary.</p>
+<p><b>Mesh</b>: any layer of a GeoPackage that <i>Raster to mesh</i> has written.<br/>
+<b>Unit of lengths</b>: pixels of the image, or map units. With map units, there is a second set of
+fields, whose names begin with <i>map_</i>.</p>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:
@@ -50,7 +50,7 @@ Lengths are in pixels of the image, or in map units: then the names of the field
         )
         self.addParameter(
             QgsProcessingParameterEnum(
-                "SPACE", "Take lengths in", ["pixels of the image", "map units"], False, 0
+                "SPACE", "Unit of lengths", ["pixels of the image", "map units"], False, 0
             )
         )
         self.addParameter(
@@ -70,7 +70,10 @@ Lengths are in pixels of the image, or in map units: then the names of the field
         """Return why the values cannot work, or an empty text."""
         path = self._find_path(parameters, context)
         if not is_geopackage(path):
-            return "The layer is not of a GeoPackage that Raster to mesh has written; choose one."
+            return (
+                "The layer is not from a GeoPackage that Raster to mesh has written: choose a "
+                "layer of such a file."
+            )
         return self.find_mesh_output_fault(
             parameters, context, [path]
         ) or self.find_file_output_fault("REPORT", parameters, context, [path])

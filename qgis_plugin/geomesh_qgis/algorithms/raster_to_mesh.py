@@ -41,15 +41,18 @@ from .recipe_parameters import find_recipe_fault, recipe_options, recipe_paramet
 from .values import find_number_fault, is_given
 
 _TIPS = {
-    "BANDS": "Bands to use and to measure; all but alpha if none is chosen",
-    "NODES": "The strongest features, spread evenly; all of them if not set",
-    "MIN_SPACING": "The stronger of two features that are closer stays; the preset's if not set",
-    "DOMAIN": "The preset's choice if not set",
-    "EXTENT": "The part of the raster to mesh; all of it if not set",
-    "MASK": "Polygons; pixels outside are left out",
-    "LAYERS": "The GeoPackage holds them all in any case",
-    "NODATA": "In place of the raster's own",
-    "MESH": "The same mesh as a native mesh layer, in a UGRID file",
+    "BANDS": "Bands to use and to measure. If you choose none: all bands except alpha",
+    "NODES": "Keeps the strongest features, spread evenly. If not set: all features",
+    "MIN_SPACING": (
+        "If two features are closer than this, only the stronger one is kept. If not set: the "
+        "preset's value"
+    ),
+    "DOMAIN": "If not set: the preset's choice",
+    "EXTENT": "The part of the raster to mesh. If not set: the whole raster",
+    "MASK": "Polygons. Pixels outside are ignored",
+    "LAYERS": "The GeoPackage always contains all layers",
+    "NODATA": "Used instead of the raster's own nodata value",
+    "MESH": "The same mesh as a native QGIS mesh layer, in a UGRID file",
 }
 
 DOMAINS = ("valid", "image", "hull")
@@ -63,20 +66,20 @@ class RasterToMesh(RasterAlgorithm):
     GROUP = "Create"
     TAGS = ("triangles", "triangulation", "Delaunay", "TIN", "vectorize", "SIFT", "Canny", "image")
     SUMMARY = (
-        "Turns a raster into a mesh of triangles whose nodes are features of the image: SIFT "
-        "keypoints on Canny edges, joined by Delaunay's triangulation."
+        "Turns a raster into a triangle mesh. The nodes are features of the image: SIFT keypoints "
+        "on Canny edges. A Delaunay triangulation connects them."
     )
     HELP = """
-<p><b>Run</b> works at once: it meshes all valid pixels at the raster's own resolution. The
-layer <i>triangles</i> is filled with the mean colour of the image and carries exact statistics of
-every band; a GeoPackage holds nodes and edges too, with everything needed to make the mesh again.
-Each mesh is checked before it is written.</p>
-<p><b>Node budget</b>: the strongest features are kept, spread evenly; without one, all.<br/>
-<b>Preset</b> <i>features</i> takes the raster as it is; <i>paper</i> follows the published system
-to the letter, at 256 × 256 pixels.<br/>
-<b>Mask</b>: polygons; pixels outside are left out.<br/>
-<b>Mesh layer</b>: the mesh as a native QGIS mesh layer (UGRID), too.</p>
-<p>Parameters without a value take the preset's. Lengths are in pixels.</p>
+<p>You can press <b>Run</b> without changing anything. The mesh then covers all valid pixels, at the
+raster's own resolution. The layer <i>triangles</i> shows the mean colour of the image and has exact
+statistics of every band. A GeoPackage also contains the nodes, the edges and all parameters, so
+that the mesh can be made again. Each mesh is checked before it is written.</p>
+<p><b>Node budget</b>: keeps the strongest features, spread evenly. If not set: all features.<br/>
+<b>Preset</b>: <i>features</i> works at the raster's own resolution. <i>paper</i> follows the
+published system exactly, at 256 × 256 pixels.<br/>
+<b>Mask</b>: polygons. Pixels outside are ignored.<br/>
+<b>Mesh layer</b>: also writes the mesh as a native QGIS mesh layer (UGRID).</p>
+<p>Parameters that are not set have the value of the preset. Lengths are in pixels.</p>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:
@@ -98,7 +101,7 @@ to the letter, at 256 × 256 pixels.<br/>
             QgsProcessingParameterBand("BANDS", "Bands", None, "INPUT", True, True),
             QgsProcessingParameterNumber("NODES", "Node budget", whole, None, True, 1),
             QgsProcessingParameterNumber(
-                "MIN_SPACING", "Least distance between nodes (pixels)", real, None, True, 0
+                "MIN_SPACING", "Minimum distance between nodes (pixels)", real, None, True, 0
             ),
             QgsProcessingParameterEnum(
                 "DOMAIN",
@@ -164,10 +167,13 @@ to the letter, at 256 × 256 pixels.<br/>
             return ""
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
         if not mesh.lower().endswith(".nc"):
-            return f"{mesh} has another extension than .nc: a mesh layer is a UGRID file."
+            return f"{mesh} does not end in .nc: a mesh layer is a UGRID file (.nc)."
         if not is_geopackage(output) and is_same_file(str(Path(output).with_suffix("")), mesh[:-3]):
             # QGIS keeps the style of either in a file of that name.
-            return f"{output} and {mesh} would share one style file: choose another name for one."
+            return (
+                f"{output} and {mesh} would share one style file: choose another name for one "
+                "of them."
+            )
         return self.find_file_output_fault("MESH", parameters, context, read)
 
     def processAlgorithm(

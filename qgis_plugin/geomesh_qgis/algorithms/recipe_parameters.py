@@ -57,22 +57,22 @@ class Setting:
 SETTINGS = (
     Setting("gray", "Gray image: luma, mean, pca or band:N", "gray"),
     Setting("stretch", "Stretch between percentiles", "range"),
-    Setting("stretch_gray", "Stretch the gray image, rather than each band", "flag"),
-    Setting("sobel", "Sobel magnitude in place of the gray image", "flag"),
+    Setting("stretch_gray", "Stretch the gray image instead of each band", "flag"),
+    Setting("sobel", "Use the Sobel magnitude instead of the gray image", "flag"),
     Setting("resize", "Resize to width, height (pixels)", "size"),
     Setting("canny_low", "Canny: low threshold (gray levels)", "real", 0),
     Setting("canny_high", "Canny: high threshold (gray levels)", "real", 0),
     Setting("canny_l2", "Canny: L2 norm of the gradient", "flag"),
-    Setting("sift_source", "SIFT: image to look at", "choice", choices=("gray", "edges")),
+    Setting("sift_source", "SIFT: image to search", "choice", choices=("gray", "edges")),
     Setting("sift_upsample", "SIFT: double the image first", "flag"),
     Setting("sift_contrast_threshold", "SIFT: contrast threshold", "real", 0),
     Setting("sift_edge_threshold", "SIFT: edge threshold", "real", 0),
     Setting("sift_sigma", "SIFT: blur of the first octave (pixels)", "real", 0),
     Setting("sift_octave_layers", "SIFT: layers in each octave", "whole", 1),
     Setting("sift_max_octave", "SIFT: highest octave (-1: the doubled image)", "whole", -1),
-    Setting("edge_distance", "Greatest distance of nodes from an edge (pixels)", "real", 0),
-    Setting("border_spacing", "Least distance between border nodes (pixels)", "real", 0),
-    Setting("min_hole", "Smallest hole or island kept (pixels)", "whole", 0),
+    Setting("edge_distance", "Maximum distance of nodes from an edge (pixels)", "real", 0),
+    Setting("border_spacing", "Minimum distance between border nodes (pixels)", "real", 0),
+    Setting("min_hole", "Smallest hole or island to keep (pixels)", "whole", 0),
     Setting(
         "statistics",
         "Statistics of each band",
@@ -88,7 +88,7 @@ def recipe_parameters() -> list[QgsProcessingParameterDefinition]:
     made.append(
         QgsProcessingParameterFile(
             "RECIPE",
-            "Recipe file, in place of the preset",
+            "Recipe file (used instead of the preset)",
             QgsProcessingParameterFile.Behavior.File,
             "",
             None,
@@ -129,7 +129,9 @@ def find_recipe_fault(
         return f"Resize is {size!r}: give width and height, such as 512, 512."
     stretch = _stretch(algorithm, parameters, context)
     if stretch is not None and not (len(stretch) == 2 and 0 <= stretch[0] < stretch[1] <= 100):
-        return "Stretch between percentiles: give two rising numbers from 0 to 100, such as 2, 98."
+        return (
+            "Stretch between percentiles: give two rising numbers from 0 to 100, such as 2 and 98."
+        )
     low, high = (
         algorithm.parameterAsDouble(parameters, name, context)
         if is_given(parameters, name, context)
@@ -137,7 +139,7 @@ def find_recipe_fault(
         for name in ("CANNY_LOW", "CANNY_HIGH")
     )
     if low is not None and high is not None and low > high:
-        return f"Canny's low threshold, {low:g}, is above the high one, {high:g}: exchange them."
+        return f"Canny's low threshold ({low:g}) is above the high one ({high:g}): exchange them."
     return ""
 
 

@@ -29,10 +29,10 @@ class Stages(RasterAlgorithm):
     TITLE = "Stages of the pipeline"
     GROUP = "Inspect"
     TAGS = ("figure", "Canny", "SIFT", "edges", "keypoints", "Delaunay", "picture")
-    SUMMARY = "Draws what each stage gives: gray image, Canny edges, keypoints and mesh."
+    SUMMARY = "Draws the result of each stage: gray image, Canny edges, keypoints and mesh."
     HELP = """
-<p>To see why a mesh is as it is, and to choose thresholds. A raster of more than 2048 pixels a side
-is shown by its middle; choose another part by its <b>extent</b>.</p>
+<p>Use it to understand a mesh and to choose thresholds. If the raster has more than 2048 pixels a
+side, only its middle is shown. To show another part, set the <b>extent</b>.</p>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:

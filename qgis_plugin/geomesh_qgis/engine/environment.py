@@ -87,7 +87,8 @@ def find(setting: str, managed: Path) -> Installation:
                 return installation_at(named, origin)
             except EnvironmentProblem as problem:
                 raise EnvironmentProblem(
-                    f"{problem.message} (named by {origin}); correct or clear it, or see {OPTIONS}",
+                    f"{problem.message} (specified by {origin}); correct or clear it, or see "
+                    f"{OPTIONS}",
                     problem.details,
                 ) from problem
     passed_over = ""
@@ -102,7 +103,7 @@ def find(setting: str, managed: Path) -> Installation:
             return installation_at(str(managed), MANAGED)
         except EnvironmentProblem as problem:
             raise EnvironmentProblem(
-                f"{problem.message}; repair it with Reinstall in {OPTIONS}", problem.details
+                f"{problem.message}; press Reinstall in {OPTIONS} to repair it", problem.details
             ) from problem
     raise EnvironmentProblem(
         f"geomesh is not installed yet{passed_over}: press Install geomesh in {OPTIONS}"
@@ -184,7 +185,7 @@ def _ask(command: Sequence[str]) -> str:
         done = ask([*command, "--version"], _TIMEOUT)
     except subprocess.TimeoutExpired as error:
         raise EnvironmentProblem(
-            f"{command[0]} does not tell its version within {_TIMEOUT:.0f} s"
+            f"{command[0]} does not report its version within {_TIMEOUT:.0f} s"
         ) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -194,7 +195,7 @@ def _ask(command: Sequence[str]) -> str:
     if done.returncode == 0 and match:
         return match[1]
     last = said[-1].strip() if said else describe_end(done.returncode)
-    raise EnvironmentProblem(f"{command[0]} has no geomesh that runs ({last})", tuple(said[-40:]))
+    raise EnvironmentProblem(f"{command[0]} has no working geomesh ({last})", tuple(said[-40:]))
 
 
 def order(version: str) -> tuple[int, ...]:

@@ -86,7 +86,7 @@ def install(
     try:
         with locked(managed):
             _recover(managed)
-            progress(0.0, "Looking for a Python ...")
+            progress(0.0, "Looking for Python ...")
             base = python or find_base_python()
             new.mkdir(parents=True)
             try:
@@ -123,8 +123,8 @@ def explain(lines: Sequence[str], wheel: Path) -> str:
     text = "\n".join(lines)
     if _DISK_FULL.search(text):
         return (
-            "the disk is full: geomesh needs about 1.5 GB while it is installed; make room and "
-            "press Install again"
+            "the disk is full: the installation needs about 1.5 GB; free some space and press "
+            "Install again"
         )
     missing = _NO_WHEEL.search(text)
     none_came = "(from versions: none)" in text and not _FETCHED.search(text)
@@ -132,7 +132,7 @@ def explain(lines: Sequence[str], wheel: Path) -> str:
         return (
             "the packages that geomesh needs cannot be downloaded: connect to the internet (or "
             f'set pip\'s proxy) and press Install again, or run `pip install "{wheel}"` in an '
-            f"environment of your own (Python 3.11 or newer) and choose that in {OPTIONS}"
+            f"environment of your own (Python 3.11 or newer) and choose it in {OPTIONS}"
         )
     if missing:
         return (
@@ -149,7 +149,7 @@ def explain(lines: Sequence[str], wheel: Path) -> str:
 
 
 def _fill(new: Path, base: Path, wheel: Path, progress: Report, cancelled: Cancel) -> None:
-    progress(0.01, f"Making an environment with {base} ...")
+    progress(0.01, f"Creating an environment with {base} ...")
     code, lines = _listen([str(base), "-m", "venv", str(new)], new, lambda _: None, cancelled)
     python = python_in(new)
     if code != 0 or python is None:
@@ -158,7 +158,7 @@ def _fill(new: Path, base: Path, wheel: Path, progress: Report, cancelled: Cance
         raise EnvironmentProblem(
             explain(lines, wheel)
             if full
-            else f"{base} cannot make an environment ({last.strip()}); install another Python",
+            else f"{base} cannot create an environment ({last.strip()}); install another Python",
             tuple(lines),
         )
     progress(_MADE, f"Installing {wheel.name} ...")
@@ -181,7 +181,7 @@ def _fill(new: Path, base: Path, wheel: Path, progress: Report, cancelled: Cance
     )
     if code != 0:
         raise EnvironmentProblem(explain(lines, wheel), tuple(lines[-40:]))
-    progress(_FILLED, "Trying it out on a test image ...")
+    progress(_FILLED, "Meshing a test image ...")
     remove_folder(_scratch(new))
     self_test(_answering(new), cancelled=cancelled)
 
@@ -191,7 +191,7 @@ def _answering(folder: Path) -> Installation:
         return installation_at(str(folder), MANAGED)
     except EnvironmentProblem as problem:
         raise EnvironmentProblem(
-            f"{problem.message}, though it was just installed; see the details, or choose an "
+            f"{problem.message}, although it was just installed; see the details, or choose an "
             f"environment that has geomesh in {OPTIONS}",
             problem.details,
         ) from problem
@@ -253,6 +253,6 @@ def _system_error(managed: Path, error: OSError) -> str:
         return explain([f"Errno {errno.ENOSPC}"], managed)
     reason = error.strerror or str(error)
     return (
-        f"geomesh cannot be installed into {managed} ({reason}); close other windows of QGIS that "
-        f"use it, or choose an environment of your own in {OPTIONS}"
+        f"geomesh cannot be installed into {managed} ({reason}); close other QGIS windows that use "
+        f"it, or choose an environment of your own in {OPTIONS}"
     )

@@ -83,7 +83,7 @@ def wheel_version(wheel: Path) -> str:
     match = _WHEEL.fullmatch(wheel.name)
     if match is None:
         raise EnvironmentProblem(
-            f"{wheel.name} is no wheel of geomesh; its name must be like "
+            f"{wheel.name} is not a wheel of geomesh; its name must look like "
             "geomesh_toolkit-0.1.0-py3-none-any.whl"
         )
     return match[1]
@@ -114,7 +114,8 @@ def remove(managed: Path) -> None:
     """
     if managed.exists() and not (managed / "pyvenv.cfg").is_file() and any(managed.iterdir()):
         raise EnvironmentProblem(
-            f"{managed} is no environment of Python, so it was kept; look what it is and move it"
+            f"{managed} is not a Python environment, so it was not removed; check what it is and "
+            "move it"
         )
     with locked(managed):
         for folder in (managed, beside(managed, "new"), beside(managed, "old")):
@@ -145,7 +146,7 @@ def locked(managed: Path) -> Iterator[None]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise EnvironmentProblem(
-                "another window of QGIS is installing or removing geomesh: wait until it is done"
+                "another QGIS window is installing or removing geomesh: wait until it has finished"
             ) from error
         yield
 
@@ -187,7 +188,9 @@ def _insist(act: Callable[[], object], otherwise: str) -> None:
         time.sleep(0.1)
         reason = _failure(act)
     if reason:
-        raise EnvironmentProblem(f"{otherwise} ({reason}); stop what runs in it and try again")
+        raise EnvironmentProblem(
+            f"{otherwise} ({reason}); close the programs that use it and try again"
+        )
 
 
 def _failure(act: Callable[[], object]) -> str:

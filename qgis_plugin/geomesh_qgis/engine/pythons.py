@@ -115,13 +115,13 @@ def _none_usable(found: list[BasePython]) -> str:
     incomplete = [python for python in found if python.version >= OLDEST and python.missing]
     if incomplete and sys.platform.startswith("linux"):
         return (
-            f"a package of the system is missing (found {told}): run `sudo apt install "
-            "python3-venv`, or what your system calls it, and press Install again"
+            f"a system package is missing (found {told}): run `sudo apt install python3-venv`, or "
+            "install the same package under the name that your system uses, and press Install again"
         )
     return (
         f"no Python {wanted} or newer was found (found {told}): install one from python.org or "
-        f"your system and press Install again, or choose an environment that has geomesh in "
-        f"{OPTIONS}"
+        "with your system's package manager and press Install again, or choose an environment that "
+        f"has geomesh in {OPTIONS}"
     )
 
 

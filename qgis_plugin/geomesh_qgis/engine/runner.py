@@ -192,7 +192,8 @@ def _check_protocol(version: object) -> None:
         else f"upgrade geomesh in {OPTIONS}"
     )
     raise RunError(
-        "protocol", f"geomesh speaks protocol {version}, the plugin {PROTOCOL}: {way_out}"
+        "protocol",
+        f"geomesh uses protocol {version}, the plugin uses protocol {PROTOCOL}: {way_out}",
     )
 
 
@@ -205,7 +206,7 @@ def _crashed(code: int | None, errors: Sequence[str]) -> str:
     end = describe_end(code)
     said = errors[-1].strip() if errors else "no message"
     way_out = (
-        "memory may have run out: mesh a smaller part"
+        "there may not have been enough memory: mesh a smaller part"
         if end == "SIGKILL"
         else f"check it with Verify in {OPTIONS}"
     )
@@ -221,7 +222,7 @@ def describe_end(code: int | None) -> str:
         As `subprocess` gives it: negative for a signal.
     """
     if code is None:
-        return "it does not react"
+        return "it does not respond"
     if code < 0:
         try:
             return signal.Signals(-code).name

@@ -33,7 +33,7 @@ class OptionsForm(QWidget):
         self.version = _label("versionLabel")
         self.origin = _label("originLabel")
         self.program = _label("programLabel")
-        self.verify = _button("verifyButton", "Verify", "Mesh a small test image with it")
+        self.verify = _button("verifyButton", "Verify", "Mesh a small image to test this geomesh")
         self.file = _file_widget()
         self.managed = _label("managedLabel")
         self.install = _button("installButton", "Install geomesh")
@@ -41,7 +41,7 @@ class OptionsForm(QWidget):
         self.bar = QProgressBar()
         self.bar.setObjectName("progressBar")
         self.bar.setRange(0, 100)
-        self.cancel = _button("cancelButton", "Cancel", "Stop, and leave things as they were")
+        self.cancel = _button("cancelButton", "Cancel", "Stop; nothing is changed")
         self.status = _label("statusLabel")
         self.details = QPlainTextEdit()
         self.details.setObjectName("detailsText")
@@ -67,7 +67,7 @@ class OptionsForm(QWidget):
         self._rows = form = QFormLayout(box)
         form.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
         form.addRow("Version:", self.version)
-        form.addRow("Found by:", self.origin)
+        form.addRow("Found in:", self.origin)
         form.addRow("Program:", self.program)
         form.addRow("Use another:", self.file)
         form.addRow(_row(self.verify))
@@ -100,7 +100,9 @@ class OptionsForm(QWidget):
         self.managed.setText(managed_text(survey, folder))
         self.managed.setToolTip(str(folder))
         self.install.setText(install_text(survey))
-        self.install.setToolTip(f"Install geomesh {survey.offered}, which came with the plugin")
+        self.install.setToolTip(
+            f"Install geomesh {survey.offered}, which is included in the plugin"
+        )
 
     def show_work(self, survey: Survey | None, *, busy: bool, long: bool = False) -> None:
         """Offer what can be done now.
@@ -130,12 +132,15 @@ def managed_text(survey: Survey, folder: Path) -> str:
     if survey.managed_version:
         return f"geomesh {survey.managed_version} in {folder}"
     if survey.managed:
-        return f"It does not work: {folder}"
+        return f"This environment does not work: {folder}"
     if not survey.offered:
-        return "This copy of the plugin came without geomesh: install the plugin from its zip file."
+        return (
+            "This copy of the plugin does not contain geomesh: install the plugin from its zip "
+            "file."
+        )
     return (
-        "Not installed. It takes Python 3.11 or newer, about 1.5 GB of disk and a few minutes; "
-        "what geomesh needs is downloaded."
+        "Not installed. The installation needs Python 3.11 or newer, about 1.5 GB of disk, a "
+        "network connection and a few minutes."
     )
 
 
@@ -177,7 +182,7 @@ def _file_widget() -> QgsFileWidget:
     widget.lineEdit().setPlaceholderText("Python, geomesh command or folder of an environment")
     widget.setToolTip(
         "A Python that has geomesh, a geomesh command, or the folder of an environment.<br>"
-        "If empty: GEOMESH_PYTHON, then <code>geomesh</code> on PATH, then the plugin's own "
+        "If empty, the plugin looks for geomesh in GEOMESH_PYTHON, then on PATH, then in its own "
         "environment."
     )
     return widget

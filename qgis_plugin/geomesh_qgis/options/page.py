@@ -162,7 +162,9 @@ def _overruled(chosen: str, managed: Path) -> str:
         used = find(chosen, managed)
     except EnvironmentProblem as problem:
         return f", but {problem.message}"
-    return "" if used.origin == MANAGED else f", but the one named by {used.origin} is used"
+    if used.origin == MANAGED:
+        return ""
+    return f", but the plugin uses the one specified by {used.origin}"
 
 
 def _outcome(ended: work.Work) -> str:
