@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geomesh.arrays.jit import contiguous
 from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.raster.grid import Window
 from geomesh.surface.kernels import project
