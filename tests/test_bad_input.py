@@ -416,6 +416,7 @@ def test_library_gives_a_sound_mesh_or_one_helpful_line(tmp_path: Path, case: Ca
         assert_helpful(str(refusal.value), case, source, of_command=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_command_line_writes_a_mesh_or_changes_nothing(
     tmp_path: Path, case: Case, command: Geomesh
@@ -464,6 +465,7 @@ def test_objects_that_are_no_raster_are_refused(tmp_path: Path, make: Open, refu
     assert len(str(refusal.value).splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "refused"), AS_GEOJSON.items(), ids=AS_GEOJSON)
 def test_geojson_lies_on_earth_or_is_refused(
     tmp_path: Path, name: str, refused: str | None, command: Geomesh
@@ -522,6 +524,7 @@ def test_recipe_that_is_none_is_refused(
     assert "recipe.json" in error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", ["missing.tif", "scene [2].tif", "x[/y].tif"])
 def test_batch_goes_on_after_a_bad_source(
     tmp_path: Path, bad: str, command: Geomesh, monkeypatch: pytest.MonkeyPatch

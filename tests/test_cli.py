@@ -36,6 +36,7 @@ def made(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_the_command_is_installed_and_keeps_data_and_messages_apart(tmp_path):
     command = Path(sys.executable).with_name("geomesh")
     out = tmp_path / "mesh.gpkg"
@@ -121,6 +122,7 @@ def test_one_bad_file_does_not_stop_the_batch(tmp_path):
     assert "2 meshed, 1 failed" in stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sources", [[OLINDA], [OLINDA, ROTATED]], ids=["one", "a batch"])
 def test_a_mask_is_read_by_a_program_that_has_loaded_nothing_before(tmp_path, sources):
     """What reads it and what writes come from the same library, in the order they like."""
@@ -318,6 +320,7 @@ def test_the_version_is_told_with_a_library_that_is_broken(monkeypatch):
     assert "pyogrio cannot be imported: " in stdout
 
 
+@pytest.mark.slow
 def test_until_eof_ends_with_the_program_that_started_it(tmp_path):
     """Standard input that ends stops the work; one that stays open does not."""
     arguments = [sys.executable, "-m", "geomesh", "mesh", OLINDA, "--until-eof", "--progress"]
