@@ -117,6 +117,7 @@ def test_an_exclamation_mark_is_fine_in_a_name_and_refused_in_a_folder(
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extension", [".gpkg", ".geojson", ".fgb", ".parquet"])
 def test_existing_output_is_kept_or_replaced_whole(
     tmp_path: Path, extension: str, command: Geomesh
@@ -144,6 +145,7 @@ def test_folder_takes_the_mesh_of_one_source(tmp_path: Path, command: Geomesh) -
         geomesh.mesh_raster(source).to_file(tmp_path / "mesh.gpkg")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_odd_names_are_names(tmp_path: Path, name: str, command: Geomesh) -> None:
     folder = tmp_path / name
@@ -187,6 +189,7 @@ def test_names_that_are_no_line_of_text_are_told_in_one(
 # ---------------------------------------------------------------- programs of their own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extension", [".gpkg", ".geojson"])
 def test_full_disk_is_told_in_one_line(
     tmp_path: Path, small_disk: tuple[Path, Mapping[str, Any]], extension: str
@@ -241,6 +244,7 @@ def stop_when(message: str, number: int, source: str, output: Path) -> Run:
     return Run(process.returncode, out, err)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("message", "number", "code"),
     [
@@ -292,6 +296,7 @@ def test_interrupt_at_any_moment_of_writing_comes_through(tmp_path: Path, scene:
     assert set(outcomes) == {"KeyboardInterrupt"}, outcomes
 
 
+@pytest.mark.slow
 def test_killed_run_leaves_the_old_file(tmp_path: Path, scene: str) -> None:
     output = tmp_path / "mesh.gpkg"
     output.write_bytes(OLD)
@@ -303,6 +308,7 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path, scene: str) -> None:
     assert run_program("mesh", write_raster(tmp_path), "-o", output, "--overwrite").code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["none", "jsonl"])
 def test_reader_of_the_output_may_stop_reading(tmp_path: Path, style: str) -> None:
     """As in `geomesh mesh ... | head -0`."""

@@ -581,6 +581,7 @@ def test_a_certificate_does_not_depend_on_how_many_triangles_are_seen_at_once(
     assert good.certify() == whole
 
 
+@pytest.mark.slow
 @given(flipped_lattice_meshes())
 def test_a_lattice_mesh_passes_just_where_no_node_is_in_a_circumcircle(case: Case) -> None:
     empty = all(

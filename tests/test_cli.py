@@ -13,10 +13,12 @@ import pyogrio
 import pyproj
 import pytest
 import rasterio
+import shapely
 from click.testing import CliRunner
 
 import geomesh
 from geomesh.cli import cli
+from support.commands import run_program
 from support.samples import OLINDA, ROTATED, SAMPLES
 
 
@@ -34,6 +36,7 @@ def made(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_the_command_is_installed_and_keeps_data_and_messages_apart(tmp_path):
     command = Path(sys.executable).with_name("geomesh")
     out = tmp_path / "mesh.gpkg"
@@ -119,12 +122,27 @@ def test_one_bad_file_does_not_stop_the_batch(tmp_path):
     assert "2 meshed, 1 failed" in stderr
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("sources", [[OLINDA], [OLINDA, ROTATED]], ids=["one", "a batch"])
+def test_a_mask_is_read_by_a_program_that_has_loaded_nothing_before(tmp_path, sources):
+    """What reads it and what writes come from the same library, in the order they like."""
+    with rasterio.open(OLINDA) as dataset:
+        area = shapely.box(*dataset.bounds).buffer(-3000)
+        gpd.GeoSeries([area], crs=dataset.crs).to_file(tmp_path / "aoi.gpkg")
+    options = ["-o", f"{tmp_path}/out/", "--mask", tmp_path / "aoi.gpkg", "--nodes", 50]
+    run = run_program("mesh", *sources, *options)
+    assert run.code == 0, run.err
+    for source in sources:
+        made = geomesh.read_mesh(tmp_path / "out" / f"{source.stem}.gpkg")
+        assert made.map_nodes.min(axis=0).tolist() >= list(area.buffer(100).bounds[:2])
+
+
 def test_json_tells_of_every_source(tmp_path):
     stdout, _ = run("mesh", OLINDA, "missing.tif", "-o", f"{tmp_path}/", "--json", code=1)
     outcome = json.loads(stdout)
     assert outcome["failed"] == 1
     assert [set(result) for result in outcome["results"]] == [
-        {"source", "output", "nodes", "triangles", "warnings"},
+        {"source", "output", "nodes", "triangles", "warnings", "skipped"},
         {"source", "error"},
     ]
 
@@ -302,6 +320,7 @@ def test_the_version_is_told_with_a_library_that_is_broken(monkeypatch):
     assert "pyogrio cannot be imported: " in stdout
 
 
+@pytest.mark.slow
 def test_until_eof_ends_with_the_program_that_started_it(tmp_path):
     """Standard input that ends stops the work; one that stays open does not."""
     arguments = [sys.executable, "-m", "geomesh", "mesh", OLINDA, "--until-eof", "--progress"]

@@ -185,7 +185,7 @@ def test_bounds_of_a_turned_raster_keep_the_centres_inside(
 @pytest.mark.parametrize("shift", [(100, 0), (0, -100), (-100, 100)])
 def test_bounds_beside_the_raster_are_an_error(transform: Affine, shift: tuple) -> None:
     box = on_map(affinity.translate(shapely.box(10, 10, 20, 20), *shift), transform)
-    with pytest.raises(EmptyError, match="--bounds lies outside") as caught:
+    with pytest.raises(EmptyError, match="`bounds` lies outside") as caught:
         open_area(transform, bounds=box.bounds)
     assert "EPSG:32618" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -349,7 +349,7 @@ def test_bounds_and_mask_with_nothing_in_common_are_an_error(transform: Affine) 
     far = on_map(shapely.box(40.2, 40.2, 50.4, 48.3), transform)
     with pytest.raises(EmptyError) as caught:
         look_at(open_area(transform, bounds=box.bounds, mask=frame_of(far)))
-    assert "--mask" in str(caught.value)
+    assert "`mask`" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["rotated", "sheared"])
@@ -378,7 +378,7 @@ def look_at(scene: Scene) -> None:
 
 @every_transform
 def test_a_mask_beside_the_raster_is_an_error(transform: Affine) -> None:
-    with pytest.raises(EmptyError, match="--mask lies outside"):
+    with pytest.raises(EmptyError, match="`mask` lies outside"):
         open_area(transform, mask=frame_of(on_map(shapely.box(100, 0, 120, 9), transform)))
 
 

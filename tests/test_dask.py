@@ -27,6 +27,7 @@ distributed = pytest.importorskip("distributed")
 
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning"),
     # Of arrays that are sent, and of ports for a page that nobody looks at.
     pytest.mark.filterwarnings("ignore:(Sending large graph|Port 8787)"),

@@ -231,6 +231,7 @@ def test_without_a_crs_it_is_as_a_raster_without_one():
     )
 
 
+@pytest.mark.slow
 def test_dask_computes_no_more_than_a_window_at_a_time():
     largest = []
 
@@ -258,6 +259,7 @@ def test_dask_computes_no_more_than_a_window_at_a_time():
     assert (thin[0] == whole[1::2, 1::2]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunks", [None, {"x": 100, "y": 90}])
 def test_other_processes_get_the_pixels(chunks):
     array = rioxarray.open_rasterio(OLINDA, chunks=chunks)

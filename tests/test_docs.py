@@ -37,6 +37,7 @@ def test_the_readme_example_runs(tmp_path, monkeypatch):
     assert names["graph"].shape == (len(names["mesh"].nodes),) * 2
 
 
+@pytest.mark.slow
 def test_the_cluster_example_runs(tmp_path):
     (code,) = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "large-rasters.md").read_text(), re.DOTALL
@@ -55,6 +56,7 @@ def test_links_between_documents_lead_somewhere():
             assert (document.parent / target).exists(), f"{document.name}: {target}"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
 @pytest.mark.parametrize("page", ["getting-started", "choose-bands", "nodata", "batch", "web"])
 def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):

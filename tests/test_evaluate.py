@@ -208,6 +208,7 @@ def test_an_image_in_which_the_paper_finds_nothing_has_figures_where_features_do
         evaluate(DEM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_figures_do_not_depend_on_the_number_of_workers(comparison, workers):
     with warnings.catch_warnings():
@@ -216,6 +217,7 @@ def test_figures_do_not_depend_on_the_number_of_workers(comparison, workers):
     assert repr(again.records) == repr(comparison.records)  # NaN is not equal to itself
 
 
+@pytest.mark.slow
 def test_of_a_large_image_the_native_plane_is_the_middle(tmp_path):
     path = write_mirrored(tmp_path / "large.tif", OLINDA.name, 2100, 1500)
     large = evaluate(path)
@@ -406,6 +408,7 @@ def test_nothing_to_evaluate_is_refused(tmp_path, make, told):
 # Bad images
 
 
+@pytest.mark.slow
 def test_a_bad_image_does_not_keep_the_others(tmp_path):
     bad = tmp_path / "bad.tif"
     bad.write_bytes(OLINDA.read_bytes()[:5000])
@@ -460,6 +463,7 @@ def test_an_image_smaller_than_the_baselines_need_tells_how_many_nodes_they_foun
     run(path)
 
 
+@pytest.mark.slow
 def test_images_without_crs_are_evaluated_as_any_other(tmp_path):
     with rasterio.open(OLINDA) as dataset:
         bands, profile = dataset.read(), dataset.profile

@@ -190,6 +190,7 @@ def test_gdal_adds_rows(joined: Path, tmp_path: Path, layer: str) -> None:
     assert rows(path, f"SELECT count(*) FROM rtree_{layer}_geom") == [(count + 2,)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("layers", [LAYERS, ("edges",), ("triangles", "nodes"), ("edges", "nodes")])
 def test_any_layers_by_any_number_of_writers_are_the_same(

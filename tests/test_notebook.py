@@ -171,6 +171,7 @@ def test_no_matplotlib_is_needed():
     assert done.stdout == "<div\n"
 
 
+@pytest.mark.slow
 def test_jupyter_shows_the_mesh_its_plot_once_and_its_map(tmp_path):
     cells = (
         f"import geomesh\nmesh = geomesh.mesh_raster({str(OLINDA)!r}, nodes=300)\nmesh",

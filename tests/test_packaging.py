@@ -154,6 +154,7 @@ def bare(wheel, tmp_path):
     shutil.rmtree(place)  # more than a gigabyte, and pytest keeps the folders of three runs
 
 
+@pytest.mark.slow
 def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):
     python, command, rio = (bare / name for name in ("python", "geomesh", "rio"))
     folder = tmp_path / "work"

@@ -95,6 +95,7 @@ COLUMNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
 def test_tables_in_the_documents_are_what_the_command_gives():
     pytest.importorskip("pydelatin")

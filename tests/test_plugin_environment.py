@@ -95,6 +95,7 @@ def test_what_is_named_first_is_found_first(tmp_path, own, monkeypatch):
     assert find("", own) == Installation((str(places[MANAGED]), *module), MANAGED, "4.0.0")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["python", "command", "folder", "link"])
 def test_any_way_to_name_an_environment(tmp_path, own, kind):
     real = {
@@ -327,6 +328,7 @@ def make(own, player, progress=lambda *_: None, cancelled=never):
     return install(own, WHEEL, progress=progress, cancelled=cancelled, python=player)
 
 
+@pytest.mark.slow
 def test_the_first_installation(own, player):
     told = []
     made = make(own, player, progress=lambda *values: told.append(values))
@@ -345,6 +347,7 @@ def test_the_first_installation(own, player):
     assert fractions[-1] == 1
 
 
+@pytest.mark.slow
 def test_pip_s_lines_are_heard_and_its_files_are_within_the_new_folder(own, player, monkeypatch):
     told = []
     play = "import tempfile; print('Collecting x', tempfile.gettempdir(), *sys.argv[3:])"
@@ -388,6 +391,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FAILURES)
 @pytest.mark.parametrize("before", [True, False], ids=["upgrade", "first"])
 def test_a_failure_leaves_things_as_they_were(own, player, monkeypatch, kind, before):
@@ -409,6 +413,7 @@ def test_a_python_that_makes_no_environment_is_named(own, tmp_path):
         make(own, broken)
 
 
+@pytest.mark.slow
 def test_an_old_environment_is_replaced(own, player):
     environment_at(own, "0.0.1")
     (own / "old").touch()
@@ -417,6 +422,7 @@ def test_an_old_environment_is_replaced(own, player):
     assert [path.name for path in own.parent.iterdir()] == ["environment"]
 
 
+@pytest.mark.slow
 def test_the_old_one_comes_back_if_the_new_one_cannot_take_its_place(own, player, monkeypatch):
     environment_at(own, "0.9.0")
     move = managed.move_folder
@@ -433,6 +439,7 @@ def test_the_old_one_comes_back_if_the_new_one_cannot_take_its_place(own, player
     assert find("", own).version == "0.9.0"
 
 
+@pytest.mark.slow
 def test_the_old_one_comes_back_if_the_new_one_does_not_answer_there(own, player, monkeypatch):
     environment_at(own, "0.9.0")
     move = managed.move_folder
@@ -527,6 +534,7 @@ def test_a_lost_connection_is_recognised(line):
 # For real
 
 
+@pytest.mark.slow
 def test_a_real_mesh_is_made_to_try_it_out():
     here = installation_at(sys.executable, SETTING)
     assert self_test(here) == geomesh.__version__
@@ -542,6 +550,7 @@ def test_the_test_raster_has_a_crs_and_gives_a_mesh_with_nodes_inside(tmp_path):
     assert len(mesh.triangles) > 10
 
 
+@pytest.mark.slow
 def test_the_whole_life_of_an_environment(own, tmp_path, monkeypatch):
     """Installed from a wheel, kept without a network and when cancelled, verified, removed."""
     subprocess.run(

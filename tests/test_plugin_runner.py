@@ -119,6 +119,7 @@ def test_warnings_are_passed_on(tmp_path, listener):
     assert any("CRS" in warning for warning in listener.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["with space", 'quo\'te "double"', "Iguaçu 伊瓜苏 😀", "-o $HOME;x"]
 )
@@ -308,6 +309,7 @@ def test_a_silent_command_is_stopped_soon_by_closing_its_input(fake, listener, t
     assert (tmp_path / "clean").exists()
 
 
+@pytest.mark.slow
 def test_a_chatty_command_can_be_cancelled_too(fake, listener):
     command = fake("start()\nwhile True: tell('log', level='warning', message='on')")
     threading.Timer(0.5, listener.stop.set).start()
@@ -315,6 +317,7 @@ def test_a_chatty_command_can_be_cancelled_too(fake, listener):
         listener.run(*command)
 
 
+@pytest.mark.slow
 @linux
 @pytest.mark.parametrize("helper", [False, True], ids=["alone", "behind a wrapper"])
 def test_a_command_that_will_not_stop_is_killed_and_swept(fake, listener, tmp_path, helper):
@@ -377,6 +380,7 @@ def test_a_defect_of_the_caller_leaves_no_orphan(fake, tmp_path, callback):
     assert not is_running(int((tmp_path / "pid").read_text()))
 
 
+@pytest.mark.slow
 @posix
 def test_something_left_behind_by_a_command_does_not_hold_us(fake, listener):
     command = fake("""

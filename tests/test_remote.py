@@ -140,6 +140,7 @@ def blocks(path: Path) -> dict[tuple[int, int], tuple[int, int]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prefix", ["", "/vsicurl/"], ids=["url", "vsicurl"])
 def test_only_the_part_asked_for_is_fetched(folder: Path, served: Served, prefix: str) -> None:
     path = folder / "scene.tif"
@@ -206,6 +207,7 @@ def test_missing_remote_file_is_told_in_one_line(tmp_path: Path, served: Served)
     assert snapshot(tmp_path) == {}
 
 
+@pytest.mark.slow
 def test_server_that_breaks_off_is_told_in_one_line(
     tmp_path: Path, folder: Path, served: Served
 ) -> None:

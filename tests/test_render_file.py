@@ -76,6 +76,7 @@ def test_each_sample_is_painted_on_its_pixels(tmp_path: Path, sample: Path, mode
         assert (np.array(told.rmse) <= np.array(surface.rmse) + step).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", MESHED.values(), ids=MESHED)
 def test_whatever_can_be_meshed_can_be_painted(tmp_path: Path, case: Case) -> None:
     source, options = case.prepare(tmp_path / "in")
@@ -335,6 +336,7 @@ def test_existing_output_is_kept_or_replaced_whole(
 # ---------------------------------------------------------------- programs of their own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rows", "fits"), [(200, True), (240, False), (260, False), (400, False)])
 def test_full_disk_is_told_and_the_old_file_is_kept(
     tmp_path: Path, small_disk: tuple[Path, Mapping[str, Any]], rows: int, fits: bool

@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay
 import geomesh
 from geomesh.delaunay import kd_split as kd
 from geomesh.delaunay import tiled, triangulate
-from geomesh.delaunay.predicates import cocircular
+from geomesh.delaunay.predicates import are_cocircular
 from geomesh.errors import CertificateError
 from geomesh.mesh.topology import boundary_edges
 from support.geometry import area, as_sets, assert_delaunay, exact_incircle
@@ -284,9 +284,9 @@ def test_threads_change_nothing(workers):
 def test_few_points_are_triangulated_twice(monkeypatch):
     """What the tiles leave over is a matter of their borders, not of their size."""
     counts = []
-    engine = tiled.cdt.triangulate
+    engine = tiled.triangulate_points
     monkeypatch.setattr(
-        tiled.cdt, "triangulate", lambda p, *s: counts.append(len(p)) or engine(p, *s)
+        tiled, "triangulate_points", lambda p, *s: counts.append(len(p)) or engine(p, *s)
     )
     points = np.random.default_rng(12).uniform(0, 1000, (100_000, 2))
     square = 1000.0 * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -307,8 +307,8 @@ def test_a_mesh_does_not_depend_on_the_threshold(monkeypatch, recipe):
     path = SAMPLES / "bahamas_landsat7_rgb_nodata_collar.tif"
     whole = geomesh.mesh_raster(path, **recipe)
     calls = []
-    by_tiles = tiled.triangulate
-    monkeypatch.setattr(tiled, "triangulate", lambda *a: calls.append(a) or by_tiles(*a))
+    by_tiles = tiled.triangulate_by_tiles
+    monkeypatch.setattr(tiled, "triangulate_by_tiles", lambda *a: calls.append(a) or by_tiles(*a))
     monkeypatch.setattr(triangulate, "TILED_ABOVE", 50)
     monkeypatch.setattr(triangulate, "TILE_POINTS", 300)
     parts = geomesh.mesh_raster(path, **recipe)
@@ -352,14 +352,14 @@ def test_cocircular_is_decided_exactly(angles, scale, shift, nudge):
     if len(np.unique(points, axis=0)) < 4:
         return
     exact = exact_incircle(points, (0, 1, 2), 3) == Fraction(0)
-    assert cocircular(points, 0, 1, 2, 3, np.empty(384)) == exact
+    assert are_cocircular(*points[:, None]).tolist() == [exact]
 
 
 @pytest.mark.parametrize("radius", [3.0, 2.0**17, 5 * 2.0**18, 2.0**19 + 1 / 256, 2.0**40, 1e7 / 3])
 def test_one_step_along_the_tangent_is_seen(radius):
     """It changes the determinant by less than float64 can tell, and is seen all the same."""
     points = radius * np.array([(1, 0), (0, 1), (-1, 0), (0, -1.0)])
-    assert cocircular(points, 0, 1, 2, 3, np.empty(384))
+    assert are_cocircular(*points[:, None]).all()
     points[0, 1] = max(1 / 256, radius * 2.0**-32)
     assert exact_incircle(points, (0, 1, 2), 3) != 0
-    assert not cocircular(points, 0, 1, 2, 3, np.empty(384))
+    assert not are_cocircular(*points[:, None]).any()

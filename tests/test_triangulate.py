@@ -18,6 +18,7 @@ def test_equals_scipy_on_random_points(count):
     assert as_sets(delaunay(points).triangles) == as_sets(Delaunay(points).simplices)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 5e6])
 def test_is_right_where_qhull_is_not(offset):
     """A turned lattice far from the origin: rounding makes every square nearly cocircular."""

@@ -87,6 +87,7 @@ def await_no_threads() -> None:
 # ---------------------------------------------------------------- the same result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["features", "paper"])
 def test_mesh_is_the_same_whoever_works(
     scene: Path, pool: ProcessPoolExecutor, preset: str
@@ -100,6 +101,7 @@ def test_mesh_is_the_same_whoever_works(
             assert fingerprint(mesh) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["features", "paper"])
 @pytest.mark.parametrize("masked", [False, True], ids=["plain", "masked"])
 def test_mesh_of_an_array_is_the_same_whoever_works(
@@ -119,6 +121,7 @@ def test_mesh_of_an_array_is_the_same_whoever_works(
         ]
 
 
+@pytest.mark.slow
 def test_mesh_of_a_part_is_the_same_whoever_works(scene: Path, pool: ProcessPoolExecutor) -> None:
     bounds = box_of(scene, 700, 600.5, 2100, 1900)
     center = np.array(box_of(scene, 1250, 1100, 1250, 1100)[:2])
@@ -140,6 +143,7 @@ def test_open_dataset_is_read_by_threads_and_stays_open(small: Path) -> None:
         assert dataset.read(1).any()
 
 
+@pytest.mark.slow
 def test_order_in_which_tiles_are_done_does_not_matter(scene: Path) -> None:
     """Tasks are begun in any order, and end in any order."""
 
@@ -177,6 +181,7 @@ def test_order_in_which_tiles_are_done_does_not_matter(scene: Path) -> None:
     assert fingerprint(mesh) == fingerprint(geomesh.mesh_raster(scene, workers=2))
 
 
+@pytest.mark.slow
 def test_written_file_holds_the_same_whatever_the_workers(
     tmp_path: Path, small: Path, command: Geomesh
 ) -> None:
@@ -228,6 +233,7 @@ class Counting(Executor):
         return future
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 2])
 def test_few_tasks_are_under_way_at_a_time(scene: Path, size: int) -> None:
     executor = Counting(size)
@@ -266,6 +272,7 @@ def test_progress_rises_and_tells_of_tiles(scene: Path) -> None:
         assert tiles == ["9 tiles", *(f"tile {k} of 9" for k in range(1, 10))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["Looking", "Detecting", "Measuring"])
 @pytest.mark.parametrize("kind", ["path", "dataset", "process pool"])
 def test_exception_in_progress_ends_the_work(
@@ -544,6 +551,7 @@ def test_only_tiles_that_meet_the_part_are_read(
 # -------------------------------------------------------------------------- interrupts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("message", ["Detecting", "Measuring", "Writing"])
 def test_interrupt_ends_work_on_a_large_scene(tmp_path: Path, scene: Path, message: str) -> None:
     output = tmp_path / "mesh.gpkg"

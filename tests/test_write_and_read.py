@@ -281,7 +281,7 @@ def test_triangle_that_spans_the_world_is_no_antimeridian_case(tmp_path: Path) -
         (Grid(50, 40, NORTH_UP, CRS('LOCAL_CS["shop floor",UNIT["metre",1]]')), "'shop floor'"),
         (
             Grid(50, 40, Affine(3e5, 0, -7.5e6, 0, -3e5, 6e6), CRS(GEOSTATIONARY)),
-            r"of 200 nodes have none: leave them out with --bounds or --mask, or write .gpkg",
+            r"of 200 nodes have none: leave them out with `bounds` or `mask`, or write .gpkg",
         ),
         (Grid(50, 40, Affine(1, 0, 0, 0, -1, 95), CRS("EPSG:4326")), "of 200 nodes have none"),
     ],
@@ -404,7 +404,7 @@ def test_unknown_driver_and_layers_are_refused(tmp_path: Path) -> None:
 def test_existing_output_is_kept_without_overwrite(tmp_path: Path, extension: str) -> None:
     path = tmp_path / f"mesh{extension}"
     path.write_text("mine")
-    with pytest.raises(OutputError, match=f"mesh{extension} exists; use --overwrite"):
+    with pytest.raises(OutputError, match=f"mesh{extension} exists; use `overwrite=True`"):
         write_mesh(two_triangles(), path)
     with pytest.raises(OutputError, match="exists"):
         check_output(path)
@@ -703,4 +703,5 @@ def test_the_command_does_without_pandas(tmp_path):
     modules = {line.rpartition("|")[2].strip() for line in run.stderr.splitlines()}
     assert run.returncode == 0, run.stderr
     assert "pyarrow" in modules
-    assert "pandas" not in modules
+    # The name alone may be there: of an import that was refused.
+    assert not [name for name in modules if name.startswith(("pandas.", "geopandas."))]

@@ -11,11 +11,14 @@ import pyarrow as pa
 import pyogrio
 import pytest
 
+import geomesh
 from geomesh.errors import OutputError
-from geomesh.io import gdal_process as writer
 from geomesh.io.gdal_process import WriterPool
 from geomesh.io.read import read_mesh
 from geomesh.io.write import open_writer, write_mesh
+from geomesh.parallel import processes
+from geomesh.parallel.processes import _PACKAGES as PACKAGES
+from geomesh.parallel.processes import Process
 from support.files import assert_same, hidden
 from support.meshes import random_mesh
 
@@ -52,7 +55,7 @@ def test_a_process_that_is_lost_is_told_and_leaves_the_old_file(tmp_path: Path) 
     with WriterPool(1) as writer_pool:
         writer_pool.warm()
         for each in writer_pool._idle:
-            each._process.kill()
+            each.kill()
         with pytest.raises(OutputError, match=r"could not be written: the process .* code -?\d+"):
             write(random_mesh(), path, writer_pool, overwrite=True, layers=["triangles"])
         assert path.read_text() == "mine"
@@ -68,10 +71,10 @@ def test_what_the_library_says_comes_through(tmp_path: Path) -> None:
         writer_pool.write(rows.schema, iter(rows.to_batches()), options)
 
 
-def test_dismissed_ones_stop_at_once(tmp_path: Path) -> None:
+def test_those_that_are_stopped_stop_at_once(tmp_path: Path) -> None:
     def rows():
         yield from table.to_batches()
-        writer_pool.dismiss()
+        writer_pool.stop(Process.kill)
         yield from table.to_batches()
 
     table = pa.table({"geometry": pa.array([b"\1\1\0\0\0" + bytes(16)], pa.binary())})
@@ -86,7 +89,7 @@ def test_dismissed_ones_stop_at_once(tmp_path: Path) -> None:
 def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
     code = (
         "import sys; from geomesh.io.gdal_process import WriterPool; s = WriterPool(1); s.warm();"
-        "print(s._idle[0]._process.pid, flush=True); import os; os._exit(0)"
+        "print(s._idle[0].pid, flush=True); import os; os._exit(0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     folder = Path("/proc") / done.stdout.strip()
@@ -110,8 +113,15 @@ def test_modules_in_the_working_folder_are_not_taken(
     assert read_mesh(tmp_path / "mesh.gpkg").certify().passed
 
 
-def test_the_program_imports_nothing_of_geomesh() -> None:
-    """It is started as a file, wherever the package lies."""
-    text = Path(writer.__file__).read_text(encoding="utf-8")
-    assert "import geomesh" not in text
-    assert "from geomesh" not in text
+def test_the_program_is_found_wherever_the_package_lies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where only the process that starts it looks, such as its working folder."""
+    folder = tmp_path / "it's here"
+    folder.mkdir()
+    (folder / "elsewhere.py").write_text("def main(): print('found', flush=True)")
+    monkeypatch.setattr(processes, "_PACKAGES", str(folder))
+    process = Process("elsewhere", quiet=True)
+    assert process.answers.readline().split() == [b"found"]
+    process.end()
+    assert Path(geomesh.__file__).is_relative_to(PACKAGES)

@@ -245,8 +245,9 @@ def _blend(points: Points, bands: NDArray[Any], valid: Mask, window: Window) -> 
         base = np.where(there & (total == 0), pixel, base)
         weight = np.where(there, (1 - np.abs(x - col)) * (1 - np.abs(y - row)), 0.0)
         total += weight
-        above = flat[:, pixel].astype(np.float64) - flat[:, base].astype(np.float64)
-        values += np.where(there, weight * above, 0.0)
+        with np.errstate(invalid="ignore"):  # pixels that are not valid may hold infinity
+            above = flat[:, pixel].astype(np.float64) - flat[:, base].astype(np.float64)
+            values += np.where(there, weight * above, 0.0)
     with np.errstate(invalid="ignore"):  # 0 / 0, and so NaN, without a valid pixel
         return flat[:, base].astype(np.float64) + values / total
 

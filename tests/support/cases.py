@@ -50,7 +50,7 @@ class Case:
     options : mapping, or callable(folder) that returns one
         For mesh_raster, and in another form for the command line.
     refused : str, optional
-        Pattern of the error: its cause and the way out. None: a mesh is expected.
+        Pattern of the command's error: its cause and the way out. None: a mesh is expected.
     names : str, optional
         Text the error must hold; the name of the source file by default.
     warns : tuple of str

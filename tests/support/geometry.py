@@ -13,12 +13,18 @@ def as_sets(triangles):
     return {frozenset(map(int, triangle)) for triangle in triangles}
 
 
+def exact(value):
+    """A coordinate as a whole number, with which arithmetic is faster, or else as a fraction."""
+    value = float(value)
+    return int(value) if value.is_integer() else Fraction(value)
+
+
 def exact_incircle(points, triangle, other):
     """Sign of the in-circle determinant in rational numbers; positive is inside."""
     rows = []
-    ox, oy = (Fraction(float(v)) for v in points[other])
+    ox, oy = map(exact, points[other])
     for i in triangle:
-        x, y = (Fraction(float(v)) for v in points[i])
+        x, y = map(exact, points[i])
         rows.append((x - ox, y - oy, (x - ox) ** 2 + (y - oy) ** 2))
     (a, b, c), (d, e, f), (g, h, i) = rows
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
@@ -26,7 +32,7 @@ def exact_incircle(points, triangle, other):
 
 def exact_area(points, triangle):
     """Twice the signed area in rational numbers."""
-    (ax, ay), (bx, by), (cx, cy) = ((Fraction(float(v)) for v in points[i]) for i in triangle)
+    (ax, ay), (bx, by), (cx, cy) = (map(exact, points[i]) for i in triangle)
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
