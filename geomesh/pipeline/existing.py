@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from geomesh.errors import GeomeshError
 from geomesh.formats.document import describe_grid
 from geomesh.formats.registry import find_format
 from geomesh.io.write import choose_layers
-from geomesh.mesh.provenance import Provenance
+from geomesh.mesh.provenance import Provenance, SourceRaster
 from geomesh.parameters import LayerName
 from geomesh.pipeline.mesh_scene import source_of
 from geomesh.raster.scene import Scene
@@ -49,7 +51,7 @@ def find_made(
         return "is no whole mesh file of geomesh"
     if made.recipe != recipe:
         return "was made by another recipe"
-    if made.source != source_of(scene) or grid != describe_grid(scene.grid):
+    if not _is_same(made.source, source_of(scene)) or grid != describe_grid(scene.grid):
         return f"was not made from the same pixels of {scene.name}"
     try:
         for name in choose_layers(layers, file_format):
@@ -58,3 +60,9 @@ def find_made(
     except (GeomeshError, ValueError, KeyError, OSError, RuntimeError):
         return "is damaged or lacks a layer"
     return counts, made.warnings
+
+
+def _is_same(one: SourceRaster, other: SourceRaster) -> bool:
+    """Tell whether two sources are the same; a file may be named by another path to it."""
+    names = (re.split(r"[/\\]", source.name)[-1] for source in (one, other))
+    return len(set(names)) == 1 and replace(one, name=other.name) == other
