@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterable
 from importlib.metadata import version
 from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.timing import Row, spread
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _LIBRARIES = (
     *("numpy", "scipy", "numba", "pythoncdt", "rasterio", "shapely", "geopandas", "pyogrio"),

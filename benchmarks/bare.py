@@ -10,15 +10,17 @@ import json
 import multiprocessing
 import pickle
 import sys
-from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geomesh.parallel.memory import keep_freed_memory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
 
 # (seconds, what was done)
 Timed = tuple[float, str]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rasterio
-from numpy.typing import NDArray
 from rasterio.windows import Window
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 SAMPLE = Path(__file__).parent.parent / "data_samples" / "iguacu_landsat8_rgb_uint16.tif"
 

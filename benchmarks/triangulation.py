@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 
 from benchmarks import inputs
@@ -13,6 +12,11 @@ from benchmarks.memory import peak_megabytes
 from benchmarks.timing import Row, alternate
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
 from geomesh.mesh.topology import boundary_edges
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
 
 EXPECTED = 8.0
 PEER = "scipy.spatial.Delaunay"

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +22,11 @@ from geomesh.formats.format import LayerFile
 from geomesh.formats.geopackage import FORMAT as GPKG
 from geomesh.io.gdal_process import write_arrow
 from geomesh.io.write import write_mesh
-from geomesh.parameters import LayerName
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from geomesh.parameters import LayerName
 
 EXPECTED = 1.5
 LAYER: LayerName = "triangles"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import geopandas as gpd
 import numpy as np
@@ -17,7 +16,11 @@ from benchmarks import inputs
 from benchmarks.timing import Row, alternate
 from geomesh.raster.grid import Grid
 from geomesh.zonal.owners import find_owners
-from geomesh.zonal.statistics import Statistics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from geomesh.zonal.statistics import Statistics
 
 EXPECTED = 20.0
 OPERATIONS = ["count", "mean", "stdev", "min", "max"]

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, fields
-from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.progress import Progress, reporting
-from geomesh.parameters import LayerName
 from geomesh.raster.open import Source, open_scene
 from geomesh.recipe import Recipe
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from concurrent.futures import Executor
+    from os import PathLike
+    from pathlib import Path
+
+    from geomesh.parameters import LayerName
     from geomesh.surface.fidelity import Fidelity
     from geomesh.view.stages import Stages
 

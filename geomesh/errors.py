@@ -6,8 +6,11 @@ protocol, batch scripts) see instead of the prose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def one_line(error: BaseException) -> str:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator, Mapping
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -18,6 +16,10 @@ from geomesh.cli import main
 from support.commands import Geomesh, Run
 from support.files import mounted
 from support.samples import OLINDA, SAMPLES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
 # Timing on shared machines says nothing; the first example of a kernel compiles it.
 settings.register_profile(

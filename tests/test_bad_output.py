@@ -13,10 +13,9 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import geopandas as gpd
 import pytest
@@ -28,6 +27,9 @@ from geomesh.io.atomic import staged
 from geomesh.io.read import read_mesh
 from support.commands import OLD, PROGRAM, Geomesh, Run, assert_refused, run_program, snapshot
 from support.rasters import NORTH_UP, UTM, picture, write_raster
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 # Where to write, beside the raster "scene.tif": OUT, further arguments, and how it is refused.
 PLACES: dict[str, tuple[str, tuple[str, ...], str]] = {

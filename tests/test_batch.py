@@ -10,9 +10,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import geopandas as gpd
-import numpy as np
 import pytest
 import shapely
 
@@ -21,6 +21,9 @@ from support.commands import OLD, PROGRAM, Run, run_program, snapshot
 from support.files import contents, hidden
 from support.rasters import COLS, NORTH_UP, ROWS, UTM, picture, write_raster
 from support.samples import write_mirrored
+
+if TYPE_CHECKING:
+    import numpy as np
 
 CHIPS = 6
 

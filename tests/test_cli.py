@@ -377,7 +377,10 @@ def test_help_shows_examples(command):
 )
 def test_wrong_usage_exits_with_2(arguments):
     done = subprocess.run(
-        [Path(sys.executable).with_name("geomesh"), *arguments], capture_output=True, text=True
+        [Path(sys.executable).with_name("geomesh"), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
@@ -386,7 +389,10 @@ def test_wrong_usage_exits_with_2(arguments):
 def test_debug_shows_the_traceback(tmp_path):
     command = Path(sys.executable).with_name("geomesh")
     done = subprocess.run(
-        [command, "--debug", "info", tmp_path / "missing.tif"], capture_output=True, text=True
+        [command, "--debug", "info", tmp_path / "missing.tif"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 1
     assert "Traceback" in done.stderr

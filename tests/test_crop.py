@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import geopandas as gpd
 import numpy as np
@@ -19,8 +18,12 @@ from geomesh.features.overview import read_overview
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import open_scene
-from geomesh.raster.scene import Scene
 from support.samples import OLINDA
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from geomesh.raster.scene import Scene
 
 UTM = "EPSG:32618"
 WIDTH, HEIGHT = 60, 50

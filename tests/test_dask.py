@@ -7,9 +7,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import rasterio
@@ -21,6 +19,10 @@ from geomesh.zonal import statistics as zonal
 from support.commands import Geomesh, snapshot
 from support.files import contents
 from support.samples import NODATA_EDGE, fingerprint, write_mirrored
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")

@@ -153,11 +153,9 @@ def test_an_unknown_model_or_fit_is_refused(mesh, olinda):
 
 
 def fit_and_compare(mesh, scene, workers=1, **how):
-    with open_workers(workers) as workers, scene.open():
-        made = fit_surface(
-            mesh.nodes, mesh.triangles, scene, **how, workers=workers, progress=silent
-        )
-        return made.values, compare(made, scene, workers, silent)
+    with open_workers(workers) as pool, scene.open():
+        made = fit_surface(mesh.nodes, mesh.triangles, scene, **how, workers=pool, progress=silent)
+        return made.values, compare(made, scene, pool, silent)
 
 
 @pytest.mark.parametrize("model", MODELS)

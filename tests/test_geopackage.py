@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyogrio
@@ -23,6 +22,9 @@ from geomesh.io.gdal_process import WriterPool
 from geomesh.io.write import open_writer
 from support.files import contents
 from support.samples import OLINDA
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 LAYERS = ("triangles", "edges", "nodes")
 

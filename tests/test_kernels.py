@@ -9,7 +9,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -21,6 +21,9 @@ from geomesh.arrays.kernel_cache import NoCache, digest_of, open_cache
 from support.commands import PROGRAM
 from support.files import mounted
 from support.samples import OLINDA
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Run = Callable[..., list[str]]
 

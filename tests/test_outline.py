@@ -23,7 +23,7 @@ from support.samples import SAMPLES
 
 masks = arrays(np.bool_, st.tuples(st.integers(1, 24), st.integers(1, 24)))
 blobs = st.builds(
-    lambda seed, sigma, share: smooth_mask(seed, sigma, share),
+    lambda seed, sigma, share: smooth_mask(seed, sigma, share),  # noqa: PLW0108 (defined below)
     st.integers(0, 10**6),
     st.sampled_from([1.0, 2.0, 5.0]),
     st.floats(0.1, 0.9),

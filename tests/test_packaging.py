@@ -29,7 +29,12 @@ def run(*command, cwd, code=0):
     hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
     settings = {name: value for name, value in os.environ.items() if name not in hidden}
     done = subprocess.run(
-        [str(word) for word in command], cwd=cwd, env=settings, capture_output=True, text=True
+        [str(word) for word in command],
+        cwd=cwd,
+        env=settings,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == code, done.stdout + done.stderr
     return done.stdout, done.stderr

@@ -242,7 +242,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "value"), BAD, ids=lambda part: repr(part))
+@pytest.mark.parametrize(("name", "value"), BAD, ids=repr)
 def test_a_value_that_makes_no_sense_is_refused(name: str, value: Any) -> None:
     with pytest.raises(RecipeError) as caught:
         Recipe().with_values(**{name: value})

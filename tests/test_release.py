@@ -82,7 +82,10 @@ def test_a_tag_is_published_only_if_it_is_the_version_and_is_tested():
     check = next(step["run"] for step in jobs["build"]["steps"] if "GITHUB_REF_NAME" in str(step))
     for tag, code in ((f"v{geomesh.__version__}", 0), ("v0.0.0", 1)):
         done = subprocess.run(
-            ["bash", "-e", "-c", check], cwd=ROOT, env={**os.environ, "GITHUB_REF_NAME": tag}
+            ["bash", "-e", "-c", check],
+            cwd=ROOT,
+            env={**os.environ, "GITHUB_REF_NAME": tag},
+            check=False,
         )
         assert done.returncode == code
 

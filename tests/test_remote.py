@@ -7,13 +7,11 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import product
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import rasterio
@@ -24,6 +22,10 @@ import geomesh
 from geomesh.errors import SourceError
 from support.commands import OLD, snapshot
 from support.samples import fingerprint, write_mirrored
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 # What GDAL recommends to those who read from the web: no listing of the folder.
 AS_USERS_DO = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import re
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -21,6 +20,9 @@ from support.cases import SOURCES, Case
 from support.commands import OLD, Geomesh, run_program, snapshot
 from support.rasters import picture, write_raster
 from support.samples import write_mirrored
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MESHED = {name: case for name, case in SOURCES.items() if case.refused is None}
 

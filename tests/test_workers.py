@@ -10,11 +10,10 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import geopandas as gpd
@@ -34,6 +33,9 @@ from support.commands import OLD, PROGRAM, Geomesh, snapshot
 from support.files import contents
 from support.rasters import picture, write_raster
 from support.samples import NODATA_EDGE, fingerprint, write_mirrored
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
 

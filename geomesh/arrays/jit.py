@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
 import numpy as np
 from numba.core import types
-from numpy.typing import ArrayLike, NDArray
 
 from geomesh.arrays.kernel_cache import open_cache
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -55,7 +57,8 @@ class Kernel:
         self.__name__ = function.__name__
         self._signature = signature
         self._dispatcher: Any = numba.njit(**_OPTIONS)(function)
-        self._dispatcher._cache = open_cache(function, signature)
+        # numba has no other way to a cache of one's own.
+        self._dispatcher._cache = self._cache = open_cache(function, signature)  # noqa: SLF001
         self._is_ready = False
 
     def __call__(self, *arguments: Any) -> Any:
@@ -68,7 +71,7 @@ class Kernel:
         """Load the machine code, or compile it; in that case call `begin` before."""
         with _lock:
             if not self._is_ready:
-                self._dispatcher._cache.before_compiling = begin
+                self._cache.before_compiling = begin
                 self._dispatcher.compile(self._signature)
                 self._dispatcher.disable_compile()  # for any other signature
                 self._is_ready = True

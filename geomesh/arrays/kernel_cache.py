@@ -12,15 +12,17 @@ import hashlib
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 
 from geomesh.errors import GeomeshWarning, one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 _told: list[str] = []
 

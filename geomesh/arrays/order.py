@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import int32, int64, kernel, reads, void, writes
-from geomesh.arrays.types import Ids
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Ids
 
 
 def stable_order(keys: NDArray[np.integer], count: int) -> Ids:

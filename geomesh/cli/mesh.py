@@ -6,7 +6,6 @@ import json
 import os
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +22,8 @@ from geomesh.parameters import STATISTICS
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from geomesh.pipeline.batch import Batch
 
 

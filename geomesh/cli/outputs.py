@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 # A file inside a name for one of GDAL's drivers, such as NETCDF:"file.nc":band.
 _INSIDE = re.compile(r"[A-Za-z0-9_]{2,}:(?:\"([^\"]+)\"|(.+?))(?::[^:]*)?")

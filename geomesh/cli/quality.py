@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from geomesh.cli.console import guarded, open_console
 from geomesh.cli.options import output_options
 from geomesh.cli.outputs import protect_inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 @click.command()

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import importlib
 import platform
-from collections.abc import Iterator
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import click
 
 from geomesh._version import __version__
 from geomesh.errors import one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 # What the libraries bring with them: each its own GDAL and PROJ, of versions that may differ.
 _LIBRARIES = {

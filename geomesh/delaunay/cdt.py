@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pythoncdt
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import int32, int64, kernel, reads, uint32, writes
-from geomesh.arrays.types import Ids, Points, Triangles
 from geomesh.delaunay.ties import break_ties
 from geomesh.errors import CertificateError, one_line
 from geomesh.mesh.topology import FILL, edge_keys
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Ids, Points, Triangles
 
 # The engine's first three vertices are those of a super-triangle around all points.
 _AUXILIARY = 3

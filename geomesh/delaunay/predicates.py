@@ -7,12 +7,17 @@ nor underflow.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import inner
-from geomesh.arrays.types import Floats, Mask, Points
 from geomesh.raster.grid import LATTICE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Mask, Points
 
 # Rounding error of the in-circle determinant, relative to the sum of its terms' magnitudes
 # (Shewchuk 1997, with the roundings of the bound itself).

@@ -11,15 +11,18 @@ convex: any fan is valid.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import float64, int32, int64, kernel, reads, uint8, writes
-from geomesh.arrays.types import Ids, Mask, Points, Triangles
 from geomesh.delaunay.predicates import IN_CIRCLE_ERROR, are_cocircular, in_circle
 from geomesh.mesh.topology import FILL, edge_keys
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Ids, Mask, Points, Triangles
 
 
 class _Sides(NamedTuple):

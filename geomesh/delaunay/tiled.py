@@ -28,20 +28,24 @@ Why the result is the triangulation T of all points, ties and constraints includ
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import boolean, int32, int64, kernel, reads, void, writes
-from geomesh.arrays.types import Triangles
 from geomesh.delaunay.cdt import Patch, spans_area, triangulate_points
 from geomesh.delaunay.kd_split import split
 from geomesh.delaunay.settle import gather_groups, mark_touched, settle, unsettled_points
 from geomesh.errors import CertificateError
 from geomesh.mesh.topology import FILL
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Triangles
 
 
 class _Settled(NamedTuple):

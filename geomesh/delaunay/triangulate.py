@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.order import stable_order
-from geomesh.arrays.types import Triangles
 from geomesh.delaunay.cdt import spans_area, triangulate_points
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Triangles
 
 # Above so many points the engine gets them tile by tile, and its memory stays that of
 # a tile. The result is the same.

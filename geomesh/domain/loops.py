@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import boolean, float64, int64, kernel, reads, void, writes
-from geomesh.domain.outline import Outline
 from geomesh.mesh.certificate import DomainFacts
-from geomesh.raster.grid import Window
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
     from scipy.spatial import cKDTree
+
+    from geomesh.domain.outline import Outline
+    from geomesh.raster.grid import Window
 
 # A segment of the simplified outline stays this far from every pixel centre: more
 # than snapping its nodes to the lattice can move it.

@@ -6,17 +6,21 @@ contribute their turns, so no mask of the whole scene is ever held.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import boolean, int64, kernel, reads, writes
-from geomesh.parallel.tiles import Tile
-from geomesh.raster.grid import Window
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from geomesh.parallel.tiles import Tile
+    from geomesh.raster.grid import Window
 
 # Which of the four pixels around a corner are valid, as a sum of:
 _UPPER_LEFT, _UPPER_RIGHT, _LOWER_LEFT, _LOWER_RIGHT = 1, 2, 4, 8

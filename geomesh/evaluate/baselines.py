@@ -11,10 +11,10 @@ are fewer nodes; whoever compares has to tell the number.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import boolean, float64, kernel, reads, void, writes
 from geomesh.arrays.types import Floats, Gray, Mask, Points
@@ -22,6 +22,9 @@ from geomesh.features.canny import canny_edges, canny_thresholds
 from geomesh.features.gray_image import ArrayGray
 from geomesh.raster.grid import snap
 from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Baseline = Callable[[Gray, Mask, int], Points]
 

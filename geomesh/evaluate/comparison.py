@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +18,9 @@ from geomesh.arrays.plain import plain_json
 from geomesh.io.atomic import check_place, staged, writing_to
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from os import PathLike
+
     import pandas as pd
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomesh.errors import extra_required
-from geomesh.evaluate.comparison import Comparison
 
 with extra_required("matplotlib", "evaluate"):
     from matplotlib import rc_context
@@ -16,6 +15,8 @@ with extra_required("matplotlib", "evaluate"):
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from geomesh.evaluate.comparison import Comparison
 
 Values = NDArray[np.float64]
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import glob
 import os
 import warnings
-from collections.abc import Iterable, Iterator
 from os import PathLike
+from typing import TYPE_CHECKING
 
 from geomesh.errors import GeomeshWarning, SourceError, one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
 
 # What is looked for in a folder. Any other raster that GDAL opens can be named itself.
 EXTENSIONS = (

@@ -10,11 +10,10 @@ In each plane all methods get the same gray image and the same number of nodes:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.types import Gray, Points, Triangles
 from geomesh.delaunay.triangulate import delaunay
@@ -22,13 +21,19 @@ from geomesh.evaluate.baselines import baselines
 from geomesh.features.detect import Detection, detect_keypoints, shrink
 from geomesh.features.gray_image import SceneGray
 from geomesh.parallel.progress import silent
-from geomesh.parallel.workers import Workers
 from geomesh.pipeline.mesh_scene import scene_tone, triangulate_nodes
 from geomesh.pipeline.nodes import NodeSet, place_nodes
 from geomesh.raster.crop import middle
 from geomesh.raster.grid import Grid
-from geomesh.raster.scene import Scene
 from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.scene import Scene
 
 PAPER, FEATURES = "paper", "features"
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,12 +19,17 @@ from geomesh.evaluate.planes import PLANES, Plane, PlaneMesh
 from geomesh.mesh.quality import ki, measure
 from geomesh.parallel.progress import Progress, reporting, silent
 from geomesh.parallel.workers import Workers, open_workers
-from geomesh.raster.grid import Grid
 from geomesh.raster.open import open_scene
-from geomesh.raster.scene import Scene
 from geomesh.surface.fidelity import compare
 from geomesh.surface.fit import fit_surface
 from geomesh.surface.paint import FITS, MODELS, Fit, Model
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from concurrent.futures import Executor
+
+    from geomesh.raster.grid import Grid
+    from geomesh.raster.scene import Scene
 
 
 def evaluate(

@@ -9,20 +9,23 @@ component with a strong pixel anywhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from geomesh.arrays.types import Gray
-from geomesh.features.gray_image import GrayImage
 from geomesh.parallel.tiles import Tile, plan_tiles
 from geomesh.raster.grid import Window
-from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from geomesh.arrays.types import Gray
+    from geomesh.features.gray_image import GrayImage
+    from geomesh.recipe import Recipe
 
 # Automatic thresholds: the high one is twice the median gradient of the pixels that
 # have one, but below what the strongest have (in a mask all edges are strong); the

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.arrays.types import Gray
 from geomesh.domain.outline import Turns, find_turns
 from geomesh.features.canny import (
     EdgePartial,
@@ -24,9 +22,16 @@ from geomesh.features.gray_image import ArrayGray, GrayImage
 from geomesh.features.sift import Keypoints, detect_sift, labels_around
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import HALO, Tile, map_tiles, plan_tiles
-from geomesh.parallel.workers import Workers
-from geomesh.raster.grid import Window
-from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Gray
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.grid import Window
+    from geomesh.recipe import Recipe
 
 # Two tiles may place one keypoint on their common border a little differently:
 # both report what lies this close outside their core, and the copies are merged.

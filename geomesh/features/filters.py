@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.arrays.types import Gray
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Gray
 
 
 def fill_invalid(image: Gray, valid: NDArray[np.bool_]) -> Gray:

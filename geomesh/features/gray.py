@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.arrays.types import Gray
 from geomesh.errors import BandError
 from geomesh.features.filters import fill_invalid
-from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Gray
+    from geomesh.recipe import Recipe
 
 # ITU-R BT.601, the weights of OpenCV's RGB to gray conversion.
 LUMA = (0.299, 0.587, 0.114)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from geomesh.arrays.types import Gray
 from geomesh.features.filters import sobel_enhance
-from geomesh.features.gray import Tone
 from geomesh.raster.grid import Window
-from geomesh.raster.scene import Scene
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Gray
+    from geomesh.features.gray import Tone
+    from geomesh.raster.scene import Scene
 
 
 class GrayImage(Protocol):

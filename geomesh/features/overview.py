@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geomesh.errors import EmptyError
-from geomesh.parallel.progress import Progress
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
-from geomesh.parallel.workers import Workers
 from geomesh.raster.grid import Window
-from geomesh.raster.scene import Pixels, Scene
+
+if TYPE_CHECKING:
+    from geomesh.parallel.progress import Progress
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.scene import Pixels, Scene
 
 _SIZE = 1024
 

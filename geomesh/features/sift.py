@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import boolean, float64, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.table import read_only
-from geomesh.arrays.types import Gray, Ids, Mask
-from geomesh.raster.grid import Window
-from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Gray, Ids, Mask
+    from geomesh.raster.grid import Window
+    from geomesh.recipe import Recipe
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,21 @@ All geometries of a layer have the same number of vertices, so their WKB (OGC
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from geomesh.arrays.table import Table
-from geomesh.arrays.types import Points
-from geomesh.mesh.triangle_mesh import TriangleMesh
-from geomesh.parameters import LayerName
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.table import Table
+    from geomesh.arrays.types import Points
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parameters import LayerName
 
 GeometryType = Literal["Point", "LineString", "Polygon"]
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from geomesh._version import __version__
 from geomesh.arrays.plain import plain_json
-from geomesh.arrays.table import Table
-from geomesh.mesh.certificate import Certificate
 from geomesh.mesh.topology import edge_keys
-from geomesh.mesh.triangle_mesh import TriangleMesh
-from geomesh.raster.grid import Grid
+
+if TYPE_CHECKING:
+    from geomesh.arrays.table import Table
+    from geomesh.mesh.certificate import Certificate
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.raster.grid import Grid
 
 KEY = "geomesh"
 FORMAT = 1

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from os import PathLike, fspath
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.formats.format import LayerFile, WriteRows

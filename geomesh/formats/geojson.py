@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geomesh.formats.format import Format, LayerFile, WriteRows
 from geomesh.formats.gdal import plain_name, write_by_gdal
-from geomesh.parameters import LayerName
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parameters import LayerName
 
 _FEATURE = b'{ "type": "Feature",'
 

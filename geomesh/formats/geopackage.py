@@ -8,20 +8,21 @@ finished tables page by page in a tenth of that time.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Mapping, Sequence
 from contextlib import closing
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from geomesh.formats.format import PENDING, Format, Joining, LayerFile, WriteRows
 from geomesh.formats.gdal import read_document_by_gdal, write_by_gdal
-from geomesh.parameters import LayerName
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
+    from geomesh.parameters import LayerName
 
 # GDAL's creation options.
 DATASET_OPTIONS: Mapping[str, str] = MappingProxyType({"VERSION": "1.2"})

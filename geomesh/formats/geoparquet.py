@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geomesh.formats.format import GEOMETRY, Format, LayerFile, WriteRows
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
 

@@ -10,21 +10,24 @@ given finished geometry, and no CRS, for RFC 7946 knows but one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 import shapely
-from numpy.typing import NDArray
 from pyproj import Transformer
 from pyproj.exceptions import ProjError
 
 from geomesh.arrays.table import Table
-from geomesh.arrays.types import Points, Triangles
 from geomesh.errors import GeoreferenceError
 from geomesh.formats.arrow import Layer, binary, wkb
-from geomesh.mesh.triangle_mesh import TriangleMesh
-from geomesh.parameters import LayerName
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Points, Triangles
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parameters import LayerName
 
 LONLAT = "OGC:CRS84"
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from importlib import import_module
-from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
-from geomesh.formats.format import Format
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from geomesh.formats.format import Format
 
 # A line for each format, in the order in which help texts and messages list them.
 _MODULES = (

@@ -6,14 +6,15 @@ from it; ParaView and xugrid read it too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
 from geomesh.formats.format import Format, LayerFile, WriteRows
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
     import numpy as np
     from numpy.typing import NDArray
     from pyproj import CRS
@@ -154,7 +155,8 @@ def _read_document(path: Path) -> str:
     from geomesh.formats.document import KEY
 
     with netcdf_file(path, mmap=False) as dataset:
-        return str(dataset._attributes[KEY].decode())
+        document: bytes = getattr(dataset, KEY, b"")
+        return document.decode()
 
 
 FORMAT = Format("UGRID", (".nc",), _write, _count_rows, _read_document, layers=("triangles",))

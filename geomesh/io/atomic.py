@@ -8,11 +8,14 @@ import signal
 import stat
 import tempfile
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError, one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 # What SQLite keeps beside a database. Left there, it would be replayed into the
 # database that takes the old one's name, and corrupt it.

@@ -14,10 +14,12 @@ import json
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geomesh.parallel.processes import Process, ProcessPool, send
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 
 class WriterPool(ProcessPool):

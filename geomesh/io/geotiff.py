@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rasterio
@@ -21,6 +19,10 @@ from geomesh.io.atomic import check_place
 from geomesh.raster.bands import palette
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.scene import Excerpt, Scene, can_hold
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from os import PathLike
 
 _EXTENSIONS = (".tif", ".tiff")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,8 @@ from geomesh.errors import OutputError
 from geomesh.io.gdal_process import WriterPool, write_arrow
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
     import pyarrow as pa
 
     from geomesh.formats.arrow import Layer

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 import pyogrio
 from affine import Affine
-from numpy.typing import NDArray
 from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 
@@ -24,6 +21,12 @@ from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import build_edges
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.raster.grid import Grid
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    import pyarrow as pa
+    from numpy.typing import NDArray
 
 _CORNERS = ("n0", "n1", "n2")
 

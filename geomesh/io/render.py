@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import numpy as np
@@ -23,17 +21,22 @@ from geomesh.io.geotiff import (
     find_style,
     is_exact,
 )
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
 from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import Source, open_scene
-from geomesh.raster.scene import Scene
 from geomesh.surface.fidelity import ErrorSums, Fidelity, sum_errors, summarise
 from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
 from geomesh.surface.original import open_original
 from geomesh.surface.paint import Fit, Model, to_pixels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from os import PathLike
+
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.raster.scene import Scene
 
 Sums = tuple[int, int]
 Painted = tuple[Window, NDArray[Any], NDArray[np.bool_]]

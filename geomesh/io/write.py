@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from os import PathLike
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
 from geomesh.formats.batch_stream import BatchStream
@@ -15,11 +14,16 @@ from geomesh.formats.document import build_document
 from geomesh.formats.format import PENDING, Format, LayerFile
 from geomesh.formats.registry import find_format
 from geomesh.io.atomic import check_place, staged, undisturbed, writing_to
-from geomesh.io.gdal_process import WriterPool
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.processes import Process
-from geomesh.parallel.progress import Progress
 from geomesh.parameters import LAYERS, LayerName
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from os import PathLike
+
+    from geomesh.io.gdal_process import WriterPool
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parallel.progress import Progress
 
 # Seconds between looks for Ctrl-C, and those granted to threads that were told to stop.
 _LOOK = 0.5

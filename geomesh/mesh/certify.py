@@ -7,16 +7,20 @@ a few numbers known beforehand about the area to be covered.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import contiguous, float64, int32, int64, kernel, reads, void, writes
 from geomesh.arrays.table import blocks
 from geomesh.mesh.certificate import Certificate, Check, DomainFacts
-from geomesh.mesh.provenance import PixelCounts
 from geomesh.mesh.topology import FILL, Edges, build_edges, edge_keys, find_edges
 from geomesh.raster.areas import signed_areas
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.mesh.provenance import PixelCounts
 
 # Bounds on the rounding error of the two predicates in float64, relative to the
 # sum of the absolute values of their terms (Shewchuk 1997, error bounds A).

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geomesh.arrays.types import Points
 from geomesh.errors import extra_required
-from geomesh.mesh.topology import Edges
+
+if TYPE_CHECKING:
+    from geomesh.arrays.types import Points
+    from geomesh.mesh.topology import Edges
 
 LIBRARIES = ("scipy", "networkx", "libpysal")
 

@@ -13,16 +13,20 @@ the equilateral triangle as the ideal.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from geomesh.arrays.plain import plain_json
 from geomesh.arrays.table import Table, blocks
-from geomesh.arrays.types import Floats, Points, Triangles
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from geomesh.arrays.types import Floats, Points, Triangles
 
 LABELLING = (
     "ki: AB is the shortest side, BC the longest (the greatest value of the three labellings); "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -11,20 +10,23 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from geomesh.arrays.table import Table, read_only
-from geomesh.arrays.types import Points
-from geomesh.mesh.certificate import Certificate, DomainFacts
 from geomesh.mesh.certify import certify
-from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.quality import Quality, measure, measure_each
 from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
 from geomesh.parameters import LAYERS, LayerName
-from geomesh.raster.grid import Grid
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import geopandas as gpd
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Points
+    from geomesh.mesh.certificate import Certificate, DomainFacts
+    from geomesh.mesh.provenance import Provenance
+    from geomesh.raster.grid import Grid
 
 
 @dataclass(frozen=True, eq=False)

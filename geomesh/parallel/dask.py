@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
 from geomesh.errors import WorkerError, extra_required, one_line
 from geomesh.parallel.workers import Workers, open_workers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 # Seconds until a scheduler, or its workers, count as not answering.
 _PATIENCE = 6

@@ -7,13 +7,16 @@ where the tiles lie.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from geomesh.parallel.progress import Progress
-from geomesh.parallel.workers import Workers
 from geomesh.raster.grid import Window
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from geomesh.parallel.progress import Progress
+    from geomesh.parallel.workers import Workers
 
 CORE = 1024
 HALO = 64

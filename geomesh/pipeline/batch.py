@@ -11,7 +11,6 @@ import pickle
 import threading
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -20,12 +19,14 @@ from typing import TYPE_CHECKING, Any
 from geomesh.errors import GeomeshWarning, WorkerError, one_line
 from geomesh.io.atomic import remove_leftovers
 from geomesh.parallel.processes import Process, ProcessPool
-from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
     from geomesh.io.gdal_process import WriterPool
     from geomesh.parallel.progress import Progress
     from geomesh.parallel.workers import Workers
+    from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
 # So many jobs a process are under way: one that it does, and some so that it never waits.
 _AHEAD = 3

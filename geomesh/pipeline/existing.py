@@ -6,17 +6,21 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from geomesh.errors import GeomeshError
 from geomesh.formats.document import describe_grid
 from geomesh.formats.registry import find_format
 from geomesh.io.write import choose_layers
 from geomesh.mesh.provenance import Provenance, SourceRaster
-from geomesh.parameters import LayerName
 from geomesh.pipeline.mesh_scene import source_of
-from geomesh.raster.scene import Scene
-from geomesh.recipe import Recipe
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from geomesh.parameters import LayerName
+    from geomesh.raster.scene import Scene
+    from geomesh.recipe import Recipe
 
 Made = tuple[Mapping[str, int], tuple[str, ...]]
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geomesh.parameters import LayerName
-from geomesh.recipe import Recipe
-
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from geomesh.parameters import LayerName
     from geomesh.raster.open import Source
+    from geomesh.recipe import Recipe
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from geomesh.errors import OutputError
-from geomesh.io.gdal_process import WriterPool
 from geomesh.io.write import check_output, open_writer
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import CORE
-from geomesh.parallel.workers import Workers
 from geomesh.pipeline.existing import find_made
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
 from geomesh.pipeline.mesh_scene import mesh_scene
 from geomesh.raster.open import open_scene
-from geomesh.raster.scene import Scene
+
+if TYPE_CHECKING:
+    from geomesh.io.gdal_process import WriterPool
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.scene import Scene
 
 # From so many pixels on, layers are written by processes of their own: they take a third of a
 # second to start, and then more than that off the writing.

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import replace
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 import cv2
 import numba
 import numpy as np
 import rasterio
-from numpy.typing import NDArray
 
 from geomesh._version import __version__
 from geomesh.arrays.jit import prepare_kernels
 from geomesh.arrays.table import Table
-from geomesh.arrays.types import Triangles
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
 from geomesh.errors import GeomeshWarning, WorkerError
 from geomesh.features.detect import detect_keypoints
@@ -36,13 +33,21 @@ from geomesh.mesh.provenance import (
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
 from geomesh.parallel.progress import Progress, part_of
-from geomesh.parallel.workers import Workers
 from geomesh.pipeline.nodes import NodeSet, place_nodes
-from geomesh.raster.grid import Grid
 from geomesh.raster.scene import Excerpt, Scene
-from geomesh.recipe import Recipe
 from geomesh.zonal import columns
 from geomesh.zonal import statistics as zonal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from concurrent.futures import Executor
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Triangles
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.grid import Grid
+    from geomesh.recipe import Recipe
 
 # What a result may depend on, beside geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)

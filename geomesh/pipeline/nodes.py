@@ -17,10 +17,11 @@ from geomesh.features.detect import SEAM, Detection
 from geomesh.features.sift import Keypoints, spread_evenly, thin
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.raster.grid import Grid, snap
-from geomesh.recipe import Recipe
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
+
+    from geomesh.recipe import Recipe
 
 # The distance to the third nearest node is close to the length of an edge.
 _NEAREST = 4

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.table import blocks
-from geomesh.arrays.types import Floats, Points
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Points
 
 
 def signed_areas(points: Points, triangles: NDArray[np.integer]) -> Floats:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import rasterio
-from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
 
 from geomesh.errors import BandError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import rasterio
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 from pyproj.exceptions import ProjError
-from shapely.geometry.base import BaseGeometry
 
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
 from geomesh.raster.grid import Grid, Window, snap
-from geomesh.raster.scene import Scene
 
 if TYPE_CHECKING:
     import geopandas as gpd
+    from shapely.geometry.base import BaseGeometry
+
+    from geomesh.raster.scene import Scene
 
 # A pixel border that a box meets up to rounding is the box's own border.
 _SNAP = 1e-6

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from affine import Affine
-from numpy.typing import NDArray
 
 from geomesh.errors import GeoreferenceError, SourceError, extra_required, one_line
 from geomesh.raster.grid import IDENTITY
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
     from xarray import DataArray, Variable
 
 # What the third dimension may be called: by rioxarray, by Dataset.to_dataarray(), by openEO.

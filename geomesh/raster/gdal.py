@@ -6,16 +6,18 @@ import os
 import re
 import threading
 import warnings
-from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rasterio
 from rasterio.env import get_gdal_config, getenv, hasenv, set_gdal_config
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from geomesh.errors import SourceError, one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 # GDAL's cache of decoded blocks is to hold a scene of some forty megapixels, or of a larger
 # one what the next row of tiles reads again; not the share of the machine's memory that it

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import rasterio
-from affine import Affine
-from numpy.typing import NDArray
 from pyproj import CRS
 from rasterio.transform import from_gcps
 
 from geomesh.errors import GeoreferenceError, one_line
-from geomesh.raster.dataarray import ArrayRaster
 from geomesh.raster.grid import IDENTITY, Grid
+
+if TYPE_CHECKING:
+    import rasterio
+    from affine import Affine
+    from numpy.typing import NDArray
+
+    from geomesh.raster.dataarray import ArrayRaster
 
 _NO_CRS = "{} has no CRS: the mesh has none either"
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from affine import Affine
-from numpy.typing import ArrayLike, NDArray
-from pyproj import CRS
 
-from geomesh.arrays.types import Points
 from geomesh.errors import GeoreferenceError
 from geomesh.raster.areas import ellipsoidal_areas, signed_areas
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+    from pyproj import CRS
+
+    from geomesh.arrays.types import Points
 
 IDENTITY = Affine.identity()
 

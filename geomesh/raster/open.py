@@ -9,7 +9,6 @@ from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import rasterio
 from affine import Affine
 from pyproj import CRS
 from pyproj.exceptions import CRSError
@@ -26,6 +25,7 @@ from geomesh.raster.grid import IDENTITY
 from geomesh.raster.scene import Excerpt, Scene
 
 if TYPE_CHECKING:
+    import rasterio
     from xarray import DataArray
 
 _DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
@@ -25,7 +24,11 @@ from geomesh.raster.bands import (
     palette,
 )
 from geomesh.raster.gdal import CACHE_BYTES, BorrowedDataset, close_handles, handles, is_remote
-from geomesh.raster.grid import Grid, Window
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from geomesh.raster.grid import Grid, Window
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 

@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from geomesh.arrays.plain import plain_json
-from geomesh.arrays.types import Floats
 from geomesh.errors import EmptyError
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.workers import Workers, open_workers
-from geomesh.raster.open import Source
-from geomesh.raster.scene import Scene
 from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
 from geomesh.surface.original import open_original
-from geomesh.surface.paint import Fit, Model
 from geomesh.zonal.columns import band_names
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from geomesh.arrays.types import Floats
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.raster.open import Source
+    from geomesh.raster.scene import Scene
+    from geomesh.surface.paint import Fit, Model
 
 
 @dataclass(frozen=True)

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import tee
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from geomesh.arrays.types import Floats, Points, Triangles
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
-from geomesh.parallel.workers import Workers
-from geomesh.raster.grid import Window
 from geomesh.raster.scene import Scene
 from geomesh.surface.least_squares import NormalEquations, complete, normal_equations, solve
 from geomesh.surface.paint import Fit, Model, check, reconstruct
 from geomesh.zonal.statistics import measure_scene, sample
 from geomesh.zonal.tile_mesh import TileMesh, split_by_tiles
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from geomesh.arrays.types import Floats, Points, Triangles
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.grid import Window
 
 Result = TypeVar("Result")
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import boolean, float64, inner, int32, int64, kernel, reads, void, writes
-from geomesh.arrays.types import Floats, Mask, Points, Triangles
 from geomesh.zonal.rasterize import column_range, row_range, sort_corners
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Mask, Points, Triangles
 
 Weights = tuple[float, float, float, float, float, float]
 

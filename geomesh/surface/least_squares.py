@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import contiguous
-from geomesh.arrays.types import Floats, Points, Triangles
-from geomesh.raster.grid import Window
 from geomesh.surface.kernels import project
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Points, Triangles
+    from geomesh.raster.grid import Window
 
 # What the value that a node begins with weighs, in pixels that lie on the node.
 RIDGE = 0.01

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 
 from geomesh.errors import BandError, GeoreferenceError
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.raster.grid import LATTICE, Grid, Window
 from geomesh.raster.open import Source, open_scene
-from geomesh.raster.scene import Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.raster.scene import Scene
 
 
 def open_original(

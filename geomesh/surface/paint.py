@@ -10,16 +10,19 @@ Everything here is on arrays, for one window at a time; `geomesh.surface.fit` an
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import contiguous
-from geomesh.arrays.types import Floats, Points, Triangles
-from geomesh.raster.grid import Window
 from geomesh.surface.kernels import paint_linear
 from geomesh.zonal.owners import find_owners
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Points, Triangles
+    from geomesh.raster.grid import Window
 
 Model = Literal["linear", "constant"]
 Fit = Literal["least_squares", "sampled"]

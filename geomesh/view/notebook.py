@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import importlib
-from collections.abc import Iterator
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +12,16 @@ import numpy as np
 from pyproj.exceptions import ProjError
 
 from geomesh.errors import GeoreferenceError, OutputError, extra_required
-from geomesh.mesh.certificate import Certificate
 from geomesh.mesh.colors import brightened, format_colors, parse_colors
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.view.thumbnail import thumbnail
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import geopandas as gpd
+
+    from geomesh.mesh.certificate import Certificate
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
 # A browser draws so many triangles without stuttering.
 MOST_EXPLORED = 20_000

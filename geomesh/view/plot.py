@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from geomesh.errors import extra_required
 from geomesh.io.picture import save_picture
 from geomesh.mesh.colors import brightened, parse_colors
-from geomesh.mesh.triangle_mesh import TriangleMesh
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from matplotlib.axes import Axes
+
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
 # Behind the triangles, so that white ones differ from no triangles.
 _PAPER = "#e4e4e4"

@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geomesh.arrays.types import Gray
 from geomesh.errors import extra_required
 from geomesh.features.canny import canny_edges, canny_thresholds
 from geomesh.features.detect import shrink
 from geomesh.features.gray_image import ArrayGray, GrayImage, SceneGray
 from geomesh.io.picture import save_picture
 from geomesh.mesh.colors import brightened
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.workers import open_workers
 from geomesh.pipeline.mesh_scene import mesh_scene, scene_tone
 from geomesh.raster.crop import middle
-from geomesh.raster.scene import Scene
-from geomesh.recipe import Recipe
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Gray
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.raster.scene import Scene
+    from geomesh.recipe import Recipe
 
 _NODE_COLOR = "#ffd200"
 _EDGE_COLOR = "#ffffff"

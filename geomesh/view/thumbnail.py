@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
-from geomesh.arrays.types import Points
+import numpy as np
+
 from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.mesh.topology import FILL
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.raster.grid import Window
 from geomesh.zonal.owners import find_owners
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Points
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
 # Longest and shortest side of a thumbnail, in pixels.
 _SIDES = (256, 8)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-from geomesh.zonal.statistics import Statistics
+    from numpy.typing import NDArray
+
+    from geomesh.zonal.statistics import Statistics
 
 # Columns that the nodes have already; a band must not take the name of one.
 _TAKEN = frozenset(("id", "kind", "col", "row", "scale", "response", "octave", "angle"))

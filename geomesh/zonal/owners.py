@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from geomesh.arrays.jit import contiguous, float64, int32, int64, kernel, reads, void, writes
-from geomesh.arrays.types import Ids, Points, Triangles
 from geomesh.mesh.topology import FILL
-from geomesh.raster.grid import Window
 from geomesh.zonal.rasterize import column_range, row_range, sort_corners
+
+if TYPE_CHECKING:
+    from geomesh.arrays.types import Ids, Points, Triangles
+    from geomesh.raster.grid import Window
 
 
 def find_owners(nodes: Points, triangles: Triangles, window: Window) -> Ids:

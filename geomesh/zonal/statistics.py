@@ -7,23 +7,27 @@ the outcome is the same to the last bit whichever process measured which tile.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.jit import contiguous
 from geomesh.arrays.table import read_only
-from geomesh.arrays.types import Counts, Floats, Ids, Mask, Points, Triangles
-from geomesh.parallel.progress import Progress
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
-from geomesh.parallel.workers import Workers
-from geomesh.raster.grid import Window
-from geomesh.raster.scene import Scene
 from geomesh.zonal.kernels import collect_pixels, find_moments
 from geomesh.zonal.tile_mesh import TileMesh, split_by_tiles, triangles_in_box
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Counts, Floats, Ids, Mask, Points, Triangles
+    from geomesh.parallel.progress import Progress
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.grid import Window
+    from geomesh.raster.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geomesh.arrays.order import stable_order
 from geomesh.arrays.table import blocks
-from geomesh.arrays.types import Floats, Ids, Points, Triangles
-from geomesh.parallel.tiles import Tile
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Ids, Points, Triangles
+    from geomesh.parallel.tiles import Tile
 
 
 @dataclass(frozen=True, eq=False)

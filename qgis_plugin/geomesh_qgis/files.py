@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qgis.core import QgsMapLayer, QgsProject, QgsProviderRegistry
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _SUFFIXES = (".gpkg", ".geojson", ".fgb")
 

@@ -7,8 +7,7 @@ the user has set on the layer and the file does not know: its CRS and nodata val
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from qgis.core import (
     QgsCoordinateReferenceSystem,
@@ -27,6 +26,9 @@ from qgis.core import (
     QgsRectangle,
     QgsVectorFileWriter,
 )
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _IN_MEMORY = ("/vsimem/", "MEM:")
 

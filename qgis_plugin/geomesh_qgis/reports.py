@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from qgis.core import QgsProcessingException
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 _FIGURES = ("mean", "median", "p5", "p95", "min", "max")
 

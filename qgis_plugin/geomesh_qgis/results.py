@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from qgis.core import (
     QgsCoordinateReferenceSystem,
@@ -19,6 +18,9 @@ from qgis.core import (
 from .files import is_geopackage
 from .provenance import as_metadata
 from .styling import VECTOR_STYLES, keep_style, style_mesh_layer
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 # The order in which geomesh writes them.
 LAYERS = ("triangles", "edges", "nodes")

@@ -188,7 +188,7 @@ class Check(ast.NodeVisitor):
             self._check_import(node, node.module or "")
 
     def _check_import(self, node: ast.AST, module: str) -> None:
-        top = module.split(".")[0]
+        top = module.split(".", maxsplit=1)[0]
         if top.startswith(("PyQt", "PySide")) or top == "sip":
             self._say(node, f"import {module}: take it from qgis.PyQt")
         elif top == "geomesh":

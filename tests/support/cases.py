@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rasterio
@@ -31,6 +30,9 @@ from support.rasters import (
     raster,
     write_raster,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
 
 NO_CRS = "has no CRS: the mesh has none either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"

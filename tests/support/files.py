@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import geopandas as gpd
 import numpy as np
 import pyogrio
 
 from geomesh.mesh.topology import edge_keys
-from geomesh.mesh.triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
 
 def read_layer(path: Path, layer: str = "triangles") -> gpd.GeoDataFrame:

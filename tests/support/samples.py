@@ -55,8 +55,8 @@ def fingerprint(mesh: Any) -> dict[str, str]:
         "shape": f"{mesh.grid} {mesh.domain} {mesh.plane_size}",
     }
     hashed = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
-    for name, array in arrays.items():
-        array = np.ascontiguousarray(array)
+    for name, column in arrays.items():
+        array = np.ascontiguousarray(column)
         about = f"{array.dtype.str}{array.shape}".encode()
         content = json.dumps(array.tolist()).encode() if array.dtype == object else array.tobytes()
         hashed[name] = hashlib.sha256(about + content).hexdigest()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qgis.core import (
     QgsProcessingAlgorithm,
@@ -20,6 +20,9 @@ from .. import settings
 from ..engine import environment, runner
 from ..files import find_format_fault, find_output_fault
 from ..inputs import RasterInput, describe_raster
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 PRESETS = {
     "features": "features: at the raster's own resolution",

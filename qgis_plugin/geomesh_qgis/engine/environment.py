@@ -11,13 +11,16 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import OPTIONS
 from .child import ask
 from .runner import describe_end
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 MINIMUM = "0.1.0"
 

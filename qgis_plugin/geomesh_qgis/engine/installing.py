@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import OPTIONS
 from .child import Child, clean_environment
@@ -23,6 +23,9 @@ from .managed import beside, locked, move_folder, remove_folder, wheel_version
 from .pythons import find_base_python
 from .runner import describe_end
 from .trial import self_test
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Report = Callable[[float, str], None]
 Cancel = Callable[[], bool]

@@ -8,10 +8,10 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .environment import (
     MANAGED,
@@ -22,6 +22,9 @@ from .environment import (
     installation_at,
     order,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 # Where the zip file of the plugin has it.
 WHEELS = Path(__file__).parents[1] / "wheel"

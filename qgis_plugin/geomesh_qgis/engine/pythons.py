@@ -10,13 +10,16 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import OPTIONS
 from .child import ask
 from .environment import EnvironmentProblem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
 
 OLDEST = (3, 11)
 # Newer ones are taken if there is no other: wheels of numba come months after a Python.

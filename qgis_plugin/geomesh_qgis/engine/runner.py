@@ -11,13 +11,15 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import OPTIONS
 from .child import Cancelled, Child, clean_environment
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 __all__ = ["PROTOCOL", "Cancelled", "Outcome", "RunError", "clean_environment", "run"]
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import OPTIONS
 from .environment import EnvironmentProblem, Installation
 from .runner import RunError, run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _TOLD = ("--progress", "jsonl", "--until-eof")
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qgis.gui import QgsOptionsPageWidget, QgsOptionsWidgetFactory
 from qgis.PyQt.QtGui import QIcon
-from qgis.PyQt.QtWidgets import QWidget
 
 from .page import OptionsPage
+
+if TYPE_CHECKING:
+    from qgis.PyQt.QtWidgets import QWidget
 
 _ICON = Path(__file__).parent.parent / "icon.svg"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qgis.gui import QgsCollapsibleGroupBox, QgsFileWidget
 from qgis.PyQt.QtCore import Qt
@@ -22,7 +22,11 @@ from qgis.PyQt.QtWidgets import (
 
 from ..engine import OPTIONS
 from ..engine.environment import order
-from ..engine.managed import Survey
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..engine.managed import Survey
 
 
 class OptionsForm(QWidget):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qgis.gui import QgsOptionsPageWidget, QgsScrollArea
 from qgis.PyQt.QtCore import QTimer
@@ -16,6 +16,9 @@ from ..engine.trial import self_test
 from ..settings import PAGE, managed_folder, python_setting, set_python_setting
 from . import work
 from .form import OptionsForm
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 LOOKING = "Looking for geomesh"
 

@@ -7,15 +7,17 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Generator
 from pathlib import Path
-from typing import Callable
+from typing import TYPE_CHECKING, Callable
 
 from qgis.core import QgsProject
 from qgis.gui import QgsProcessingAlgorithmDialogBase
 from qgis.PyQt.QtCore import QTimer
 from qgis.PyQt.QtWidgets import QApplication, QMessageBox, QWidget
 from qgis.utils import iface
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
 
 POLL = 100  # ms
 
