@@ -40,7 +40,7 @@ def make_scene(size: int, path: Path) -> None:
 
 
 def _mirrored(start: int, count: int, length: int) -> NDArray[np.intp]:
-    """Return which of `length` pixels stand at `start`, `start` + 1, ...: to and fro."""
+    """Return which of `length` pixels stand at `start`, `start` + 1, ...: back and forth."""
     place = np.arange(start, start + count) % (2 * length)
     return np.minimum(place, 2 * length - 1 - place)
 

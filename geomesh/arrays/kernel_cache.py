@@ -17,6 +17,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
+from numba import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 
 from geomesh.errors import GeomeshWarning, one_line
@@ -111,7 +112,8 @@ class KernelCache(FunctionCache):
 
 def digest_of(function: Callable[..., Any], signature: Any) -> str:
     """Return a digest of all that the machine code of a kernel is made of."""
-    parts = [str(signature), *_parts(function, set())]
+    checked = getattr(config, "BOUNDSCHECK", None)  # NUMBA_BOUNDSCHECK makes other code
+    parts = [str(signature), f"bounds checked: {checked}", *_parts(function, set())]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 

@@ -39,6 +39,7 @@ def certify(
     counter_clockwise: bool,
     domain: DomainFacts,
     pixels: PixelCounts | None = None,
+    edges: Edges | None = None,
 ) -> Certificate:
     """Check a triangulation of pixel-edge coordinates.
 
@@ -56,6 +57,8 @@ def certify(
     domain : DomainFacts
     pixels : PixelCounts, optional
         As the statistics found them; None for a mesh without a raster.
+    edges : Edges, optional
+        Of the triangles, if they are known.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:
@@ -63,7 +66,8 @@ def certify(
             (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
         )
     nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
-    edges, plane = build_edges(triangles), nodes * plane_scale
+    edges = build_edges(triangles) if edges is None else edges
+    plane = nodes * plane_scale
     used = np.zeros(len(nodes), np.bool_)
     used[triangles] = True
     areas = signed_areas(nodes, triangles) * (1 if counter_clockwise else -1)

@@ -38,7 +38,7 @@ def picture(bands: int = 1, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
 
 
 def reflected(count: int, size: int) -> np.ndarray:
-    """`count` indices that run to and fro over 0..size-1, from 0 on."""
+    """`count` indices that run back and forth over 0..size-1, from 0 on."""
     turn = np.arange(count) % (2 * size)
     return np.where(turn < size, turn, 2 * size - 1 - turn)
 
