@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import platform
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import click
@@ -40,6 +39,8 @@ def print_versions(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 
 
 def _libraries() -> Iterator[str]:
+    from importlib.metadata import version
+
     yield f"Python {platform.python_version()}, {platform.platform()}"
     for name, told in _LIBRARIES.items():
         try:
