@@ -87,11 +87,13 @@ def mesh_opened(
     ) as writer:
 
         def begin(shaped: TriangleMesh) -> None:
-            trim_memory()  # detecting takes more than what follows
+            if is_large:
+                trim_memory()  # detecting takes more than what follows
             writer.begin(shaped)
 
         mesh = mesh_scene(scene, job.recipe, workers, part_of(progress, 0, 0.8), shaped=begin)
-        trim_memory()  # GDAL's cache, now that the pixels are read
+        if is_large:
+            trim_memory()  # GDAL's cache, now that the pixels are read
         writer.finish(mesh, part_of(progress, 0.8, 1))
     warnings = mesh.provenance.warnings if mesh.provenance is not None else ()
     return MeshSummary(len(mesh.nodes), len(mesh.triangles), warnings)
