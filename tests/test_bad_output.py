@@ -268,6 +268,7 @@ def test_stopped_run_leaves_the_old_file_and_nothing_else(
     assert snapshot(tmp_path) == {"mesh.gpkg": OLD}
 
 
+@pytest.mark.slow
 def test_interrupt_at_any_moment_of_writing_comes_through(tmp_path: Path, scene: str) -> None:
     """Not as an error of the library in which it happened to arrive."""
     mesh, output = geomesh.mesh_raster(scene), tmp_path / "mesh.gpkg"

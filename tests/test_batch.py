@@ -173,6 +173,7 @@ def not_ours(path: Path) -> None:
     path.write_bytes(OLD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "options", "why"),
     [
@@ -205,6 +206,7 @@ def test_what_would_not_be_the_same_is_refused_or_replaced(
     assert geomesh.read_mesh(output).certify().passed
 
 
+@pytest.mark.slow
 def test_an_output_that_another_process_is_writing_is_no_output_yet(
     chips: list[Path], made: Path
 ) -> None:
@@ -217,6 +219,7 @@ def test_an_output_that_another_process_is_writing_is_no_output_yet(
     assert unfinished.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extension", ["geojson", "fgb", "parquet", "nc"])
 def test_every_format_is_found_again(chips: list[Path], tmp_path: Path, extension: str) -> None:
     output = tmp_path / f"mesh.{extension}"

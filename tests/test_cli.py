@@ -398,6 +398,7 @@ def test_debug_shows_the_traceback(tmp_path):
     assert "Traceback" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("there", [True, False])
 def test_a_batch_that_makes_nothing_leaves_the_folders_as_they_were(tmp_path, there):
     folder = tmp_path / "meshes"

@@ -58,6 +58,7 @@ def grid_array(values=None, x=None, y=None, crs="EPSG:31985", **coords):
     return array if crs is None else array.rio.write_crs(crs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunks", [None, {"x": 200, "y": 150}], ids=["of a file", "of Dask"])
 def test_a_lazy_dataarray_gives_the_mesh_of_its_file(sample, chunks):
     assert arrays_of(rioxarray.open_rasterio(sample, chunks=chunks)) == arrays_of_file(sample)

@@ -218,6 +218,7 @@ def test_a_map_has_every_triangle_where_it_is_in_its_colour(olinda):
     assert told == {"id", "area", "red_mean", "green_mean", "blue_mean"}
 
 
+@pytest.mark.slow
 def test_a_map_of_any_column_with_any_option_of_geopandas(olinda):
     mesh = geomesh.mesh_raster(olinda, nodes=300)
     first = mesh.explore("min_angle", tiles=None, cmap="magma", tooltip=["min_angle"])
@@ -248,7 +249,7 @@ MARS = CRS("+proj=longlat +a=3396190 +b=3376200 +no_defs")
 @pytest.mark.parametrize(
     ("grid", "told"),
     [
-        (ORIENTATIONS["no georeference"], r"no CRS.*mesh the raster with crs='EPSG:\.\.\.'"),
+        (ORIENTATIONS["no georeference"], r"no CRS.*mesh the raster with `crs='EPSG:\.\.\.'"),
         (Grid(40, 30, Affine(0.1, 0, 0, 0, -0.1, 0), CRS("IAU_2015:49900")), "there is no way"),
         (
             Grid(40, 30, Affine(4e5, 0, -8e6, 0, -4e5, 6e6), CRS("+proj=geos +h=35785831")),
