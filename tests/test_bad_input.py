@@ -327,7 +327,7 @@ RECIPES: dict[str, tuple[bytes | None, str]] = {
     "no json": (b"canny_low = 5", "not a recipe in JSON"),
     "list": (b"[1, 2]", "not a recipe in JSON"),
     "number": (b"5", "not a recipe in JSON"),
-    "recipe that is a list": (b'{"recipe": [1]}', "is no recipe"),
+    "recipe that is a list": (b'{"recipe": [1]}', "is not a recipe"),
     "utf-16": ('{"canny_low": 5}'.encode("utf-16"), "not a recipe in JSON"),
     "unknown name": (b'{"cany_low": 5}', "cany_low.* choose from"),
     "wrong type": (b'{"canny_low": "abc"}', "canny_low"),
