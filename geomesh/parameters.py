@@ -13,7 +13,7 @@ DOMAINS = ("valid", "image", "hull")
 SIFT_SOURCES = ("gray", "edges")
 STATISTICS = ("mean", "std", "min", "max")
 
-# Half of the halo of a tile: a tile does not see edges beyond its halo.
+# Largest value of edge_distance, in pixels. A tile does not see edges outside its halo.
 FARTHEST_EDGE = 32
 LARGEST_RESIZE = 32_767
 _LARGEST_NUMBER = 1e300

@@ -266,10 +266,10 @@ OBJECTS: dict[str, tuple[Open, tuple[str, ...], int | None]] = {
 
 NO_OBJECTS: dict[str, tuple[Open, str]] = {
     "closed dataset": (closed, "closed"),
-    "array of size 0": (array(np.zeros((3, 0, 5))), r"\(3, 0, 5\) is no raster"),
-    "array without bands": (array(np.zeros((0, 4, 5))), r"\(0, 4, 5\) is no raster"),
-    "array of 4 dimensions": (array(np.zeros((1, 2, 3, 4))), r"\(1, 2, 3, 4\) is no raster"),
-    "array of 1 dimension": (array(np.zeros(4)), r"\(4,\) is no raster"),
+    "array of size 0": (array(np.zeros((3, 0, 5))), r"\(3, 0, 5\) is not a raster"),
+    "array without bands": (array(np.zeros((0, 4, 5))), r"\(0, 4, 5\) is not a raster"),
+    "array of 4 dimensions": (array(np.zeros((1, 2, 3, 4))), r"\(1, 2, 3, 4\) is not a raster"),
+    "array of 1 dimension": (array(np.zeros(4)), r"\(4,\) is not a raster"),
     "array of truths": (array(picture() > 60), "bool"),
     "array of texts": (array(np.full((1, 4, 4), "water")), "<U5"),
     "array of objects": (array(np.full((1, 4, 4), None)), "object"),

@@ -34,7 +34,7 @@ from support.rasters import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-NO_CRS = "has no CRS: the mesh has none either"
+NO_CRS = "has no CRS, so the mesh has no CRS either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"
 NO_KEYPOINTS = "no keypoints found .* the outline only"
 FEWER = "nodes of the .* asked for: the image has no more keypoints"
