@@ -554,5 +554,5 @@ def test_sources_of_one_name_are_refused(
     ]
     before = snapshot(tmp_path)
     error = command("mesh", "-o", f"{tmp_path}/meshes/", *sources).error()
-    assert re.search("called 'scene': .* mesh them into different folders", error)
+    assert re.search("the name 'scene', .* write them to different folders", error)
     assert snapshot(tmp_path) == before

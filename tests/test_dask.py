@@ -239,5 +239,5 @@ def test_workers_and_scheduler_exclude_each_other(
     output = tmp_path / "mesh.gpkg"
     run = command("mesh", scene, "-o", output, "--workers=2", "--scheduler=tcp://127.0.0.1:1")
     assert run.code == 2
-    assert "--workers and --scheduler exclude each other" in run.err
+    assert "--workers and --scheduler cannot be used together" in run.err
     assert not output.exists()
