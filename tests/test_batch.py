@@ -289,9 +289,7 @@ def test_a_batch_that_is_stopped_leaves_whole_meshes_only(
         process.send_signal(number)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == code
-    assert (
-        errors.strip().splitlines()[-1] == "Interrupted: what was being written was left as it was."
-    )
+    assert errors.strip().splitlines()[-1] == "Interrupted: the unfinished output was not written."
     assert hidden(tmp_path / "out") == []
     done = list((tmp_path / "out").glob("*.gpkg"))
     assert 0 < len(done) < len(many)

@@ -509,7 +509,7 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(
         (["-o", tmp_path / "none" / "t.csv"], "does not exist; create it first"),
         (["-o", tmp_path], "is a folder"),
         (["--figure", tmp_path / "t.bmp"], "t.bmp is not named as a picture; choose from .png"),
-        (["--figure", image, "--overwrite"], "which is read; choose another name"),
+        (["--figure", image, "--overwrite"], f"is the input {image}; choose another name"),
     ]
     for options, told in cases:
         _, stderr = run(image, *options, code=1)

@@ -181,7 +181,7 @@ def test_the_digest_depends_on_the_signature() -> None:
 def test_without_a_folder_to_write_to_kernels_compile_and_that_is_said_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(kernel_cache, "_told", [])
+    monkeypatch.setattr(kernel_cache, "_warned", [])
 
     def no_folder(*_: object) -> None:
         raise RuntimeError("cannot cache function: no locator available")
@@ -242,5 +242,5 @@ def test_a_full_folder_is_said_once_and_the_mesh_is_made(tmp_path: Path) -> None
         told = events(mesh(full, tmp_path / "mesh.gpkg"))
     warned = [event["message"] for event in told if event["event"] == "log"]
     assert len(warned) == 1
-    assert "compiled code cannot be kept (" in str(warned[0])
+    assert "compiled code cannot be stored (" in str(warned[0])
     assert told[-1]["event"] == "result"

@@ -485,7 +485,7 @@ def test_truncated_raster_names_the_window(
 @pytest.mark.parametrize(
     ("shape", "told"),
     [
-        ((3, 1200, 1000), "it had 1300 x 1200 pixels and has 1000 x 1200"),
+        ((3, 1200, 1000), "it had 1300 x 1200 pixels and now has 1000 x 1200"),
         ((1, 1200, 1300), "changed while it was read .*band"),
     ],
     ids=["other size", "fewer bands"],

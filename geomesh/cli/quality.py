@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     metavar="OUT",
-    help="Write the mesh with every measure as an attribute of its triangles.",
+    help="Write the mesh with all measures as attributes of its triangles.",
 )
 @click.option(
     "--space",
     type=click.Choice(["image", "map"]),
     default="image",
     show_default=True,
-    help="Take lengths in pixels of the image that was worked on, or in map units.",
+    help="Measure lengths in pixels of the image that was meshed, or in map units.",
 )
 @output_options
 @click.pass_obj

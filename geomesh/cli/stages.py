@@ -1,4 +1,4 @@
-"""`geomesh stages`: the picture of what each stage gives."""
+"""`geomesh stages`: draw the result of each stage."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from geomesh.cli.outputs import protect_inputs
 
 @click.command()
 @click.argument("source", metavar="SRC")
-@click.option("-o", "--output", required=True, metavar="FIG", help="Picture: .png, .pdf or .svg.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FIG",
+    help="Picture to write (.png, .pdf or .svg).",
+)
 @raster_options
 @output_options
 @click.pass_obj
@@ -31,10 +37,10 @@ def stages(
     reading: dict[str, Any],
     recipe_options: dict[str, Any],
 ) -> None:
-    """Draw the stages of the pipeline on SRC: gray, Canny edges, keypoints, mesh.
+    """Draw the stages of the pipeline for SRC: gray image, Canny edges, keypoints, mesh.
 
-    A raster of more than 2048 pixels a side is shown by its middle; choose another
-    part with --bounds.
+    If a side of the raster is longer than 2048 pixels, only its middle is shown. Choose
+    another part with --bounds.
 
     \b
     Examples:
