@@ -109,7 +109,7 @@ def test_warnings_name_their_raster(tmp_path: Path) -> None:
 
 
 def test_masks_and_bounds_reach_the_processes(chips: list[Path], tmp_path: Path) -> None:
-    area = shapely.box(*NORTH_UP * (4, 30), *NORTH_UP * (40, 4))
+    area = shapely.box(*NORTH_UP @ (4, 30), *NORTH_UP @ (40, 4))
     gpd.GeoDataFrame(geometry=[area], crs=UTM).to_file(tmp_path / "area.gpkg")
     options = ("--mask", tmp_path / "area.gpkg", "--workers", "2", "--json")
     results = outcomes(mesh(*chips[:2], "-o", tmp_path / "out", *options))

@@ -19,6 +19,7 @@ from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.render import render
+from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
 from geomesh.cli.versions import print_versions
 from geomesh.parallel.memory import keep_freed_memory
@@ -30,7 +31,9 @@ _TERMINATED = 143
 def main() -> NoReturn:
     """Run the command line and exit: 0 success, 1 failure, 2 wrong usage, 130 interrupted."""
     # SIGTERM must clean up too, like Ctrl-C.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    on_signal(signal.SIGTERM, lambda: sys.exit(_TERMINATED))
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, as by nohup
+        on_signal(signal.SIGINT, _interrupt)
     keep_freed_memory()
     try:
         cli(standalone_mode=False)
@@ -46,6 +49,10 @@ def main() -> NoReturn:
             _leave(_TERMINATED)
         raise
     sys.exit(0)
+
+
+def _interrupt() -> NoReturn:
+    raise KeyboardInterrupt
 
 
 def _leave(code: int) -> NoReturn:

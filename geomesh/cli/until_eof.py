@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import _thread
 import os
 import signal
 import sys
 import threading
+
+from geomesh.cli.signals import send_to_main_thread
 
 
 def hold() -> None:
@@ -25,5 +26,4 @@ def _watch() -> None:
             pass
     except OSError:
         pass  # standard input was already closed
-    # This runs the signal handler in the main thread, on Windows too.
-    _thread.interrupt_main(signal.SIGTERM)
+    send_to_main_thread(signal.SIGTERM)
