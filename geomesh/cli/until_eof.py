@@ -9,7 +9,7 @@ import sys
 import threading
 
 
-def hold() -> None:
+def watch_stdin() -> None:
     """Watch standard input in a thread, and terminate this process when it is closed.
 
     Closing the pipe is also the only clean way to stop this process on every system: on
