@@ -122,9 +122,9 @@ class Recipe:
             if isinstance(value, list) and field.name in _TUPLES:
                 value = tuple(map(_plain, value))
             object.__setattr__(self, field.name, _plain(value))
-        for name, (holds, expected) in RULES.items():
+        for name, (is_valid, expected) in RULES.items():
             value = getattr(self, name)
-            if not holds(value):
+            if not is_valid(value):
                 raise RecipeError(f"{name} is {value!r}: expected {expected}")
         low, high = self.canny_low, self.canny_high
         if low is not None and high is not None and low > high:

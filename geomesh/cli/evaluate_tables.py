@@ -120,10 +120,10 @@ def _table(columns: Columns) -> Table:
 
 def _cells(figures: Figures, columns: Columns, median: Figures | None = None) -> list[str]:
     cells = []
-    for name, how in columns.values():
+    for name, pattern in columns.values():
         source = median if name.startswith("median ") else figures
         value = getattr(source, name.removeprefix("median "))
-        cells.append(_NONE if math.isnan(value) else format(value, how))
+        cells.append(_NONE if math.isnan(value) else format(value, pattern))
     return cells
 
 

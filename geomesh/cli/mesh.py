@@ -32,7 +32,7 @@ class _Plan:
     """The jobs of a command, and the folder of their outputs if this command created it."""
 
     jobs: tuple[MeshJob, ...]
-    made_folder: Path | None
+    new_folder: Path | None
 
 
 @click.command()
@@ -105,9 +105,9 @@ def mesh(
             batch = stack.enter_context(_open_batch(plan.jobs, workers, scheduler, debug))
         if not failures:
             outcomes = _run(plan.jobs, batch, console, debug)
-    if plan.made_folder is not None:
+    if plan.new_folder is not None:
         with suppress(OSError):  # the folder is not empty: it contains a mesh
-            plan.made_folder.rmdir()
+            plan.new_folder.rmdir()
     failed = len(failures) + sum("error" in outcome for outcome in outcomes)
     if as_json:
         click.echo(json.dumps({"results": outcomes, "failed": failed}, indent=2))
@@ -127,12 +127,12 @@ def _plan(
     recipe = build_recipe(**recipe_options)
     paths, folder = _choose_outputs(sources, output, writing["driver"])
     protect_inputs(paths, [*sources, reading["mask"], recipe_options["recipe_file"]])
-    made = folder if folder is not None and _make_folder(folder) else None
+    new_folder = folder if folder is not None and _make_folder(folder) else None
     jobs = (
         MeshJob(source, path, recipe, reading=reading, **writing)
         for source, path in zip(sources, paths, strict=True)
     )
-    return _Plan(tuple(jobs), made)
+    return _Plan(tuple(jobs), new_folder)
 
 
 def _choose_outputs(

@@ -74,9 +74,9 @@ def _settings(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
 
 def _until_eof(_ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if value:
-        from geomesh.cli.until_eof import hold
+        from geomesh.cli.until_eof import watch_stdin
 
-        hold()
+        watch_stdin()
 
 
 def raster_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -78,8 +78,8 @@ def quality(
         elif progress != "jsonl":
             _print_quality(mesh_file, summary, "pixels" if space == "image" else "map units")
         if output is not None or progress == "jsonl":
-            made = [] if output is None else [output]
-            console.result(made, summary, f"{output}: the mesh with these measures, certified")
+            outputs = [] if output is None else [output]
+            console.result(outputs, summary, f"{output}: the mesh with these measures, certified")
     sys.exit(1 if failures else 0)
 
 

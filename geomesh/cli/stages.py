@@ -58,11 +58,11 @@ def stages(
         protect_inputs([output], [source, reading["mask"], recipe_options["recipe_file"]])
         check_picture(output, overwrite=overwrite)
         scene = open_scene(source, **reading)
-        found = run_stages(scene, recipe, report)
-        save_picture(draw_stages(found, Path(source).name), output, overwrite=overwrite)
+        results = run_stages(scene, recipe, report)
+        save_picture(draw_stages(results, Path(source).name), output, overwrite=overwrite)
     outcome: dict[str, Any] = {"source": source, "error": "".join(failures[:1])}
     if not failures:
-        figures = {"nodes": len(found.mesh.nodes), "triangles": len(found.mesh.triangles)}
+        figures = {"nodes": len(results.mesh.nodes), "triangles": len(results.mesh.triangles)}
         outcome = {"source": source, "output": output, **figures}
         console.result([output], figures, f"{output}: the stages of {source}")
     if as_json:

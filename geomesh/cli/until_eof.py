@@ -10,7 +10,7 @@ import threading
 from geomesh.cli.signals import send_to_main_thread
 
 
-def hold() -> None:
+def watch_stdin() -> None:
     """Watch standard input in a thread, and terminate this process when it is closed.
 
     Closing the pipe is also the only clean way to stop this process on every system: on

@@ -144,7 +144,8 @@ def trace(parts: Sequence[Turns]) -> Outline:
     order = np.lexsort((kind, xy[:, 0], xy[:, 1]))
     xy, kind = xy[order], kind[order]
     x, y = xy.T
-    # Of two turns at one corner, the one whose side comes from before is first: its side ends.
+    # If two turns share a corner, the turn where a side ends comes before the turn where the next
+    # side begins.
     along_row = np.lexsort((_GOES_RIGHT[kind], x, y))
     along_column = np.lexsort((_GOES_DOWN[kind], y, x))
     count = len(kind)

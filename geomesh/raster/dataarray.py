@@ -95,7 +95,7 @@ class Pixels:
 
 
 def check_shape(name: str, shape: tuple[int, ...]) -> None:
-    """Refuse an array that cannot hold a raster.
+    """Raise an error if an array of this shape is not a raster.
 
     Raises
     ------

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _CACHE = "GDAL_CACHEMAX"
 CACHE_BYTES = 256_000_000
 
-# One handle on a local file is enough for this many cores; see Handles.lend.
+# One handle on a local file is enough for this many cores; see Handles.borrow.
 _CORES_A_HANDLE = 8
 
 # A process that reads many scenes keeps the handles of this many openings.
@@ -68,10 +68,10 @@ class Handles:
         self._free: list[rasterio.DatasetReader] = []
         self._closed = False
         readers = max((os.cpu_count() or 1) // _CORES_A_HANDLE, 1)
-        self._turns = None if is_remote(name) else threading.Semaphore(readers)
+        self._access = None if is_remote(name) else threading.Semaphore(readers)
 
     @contextmanager
-    def lend(self, *, shared: bool) -> Iterator[rasterio.DatasetReader]:
+    def borrow(self, *, shared: bool) -> Iterator[rasterio.DatasetReader]:
         """Yield a handle that no other thread uses at the same time.
 
         Each handle has its own decoded blocks. So windows whose blocks other threads need too
@@ -79,7 +79,7 @@ class Handles:
         one handle per thread, every thread would decode the same blocks again. For a remote
         file the time is spent on waiting, so each thread has its own handle.
         """
-        with self._turns if self._turns is not None and shared else nullcontext():
+        with self._access if self._access is not None and shared else nullcontext():
             handle = self._take() or self._open()
             try:
                 yield handle
@@ -128,7 +128,7 @@ class BorrowedDataset:
     """
 
     # One lock for all instances, because two scenes can use the same dataset.
-    _turns = threading.Lock()
+    _access = threading.Lock()
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
@@ -136,23 +136,23 @@ class BorrowedDataset:
         self._ended = False
 
     @contextmanager
-    def lend(self) -> Iterator[Any]:
+    def borrow(self) -> Iterator[Any]:
         """Yield the dataset. No other thread uses it at the same time."""
-        with self._turns:
+        with self._access:
             if self._ended:
                 raise SourceError(f"{self._dataset.name} cannot be read: its mesh is finished")
             yield self._dataset
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        """Allow `lend` within the block. Blocks may be nested; after the last it is refused."""
-        with self._turns:
+        """Allow `borrow` within the block. Blocks may be nested; after the last it is refused."""
+        with self._access:
             self._users += 1
             self._ended = False
         try:
             yield
         finally:
-            with self._turns:
+            with self._access:
                 self._users -= 1
                 self._ended = self._users == 0
 

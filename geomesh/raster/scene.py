@@ -169,8 +169,8 @@ class Scene:
         if isinstance(self.source, Excerpt):
             raise TypeError(f"{self.name} is an array, not a dataset")
         if isinstance(self.source, BorrowedDataset):
-            return self.source.lend()
-        return handles(self.reading, self.source, self.size).lend(shared=shared)
+            return self.source.borrow()
+        return handles(self.reading, self.source, self.size).borrow(shared=shared)
 
     @property
     def _fits_cache(self) -> bool:
