@@ -256,11 +256,11 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "other size": (
         ("mesh.gpkg", "--like=small.tif"),
-        r"mesh \(100 x 120 of .* not among those of small.tif \(90 x 120 .*: name the raster",
+        r"mesh \(100 x 120 of .* not among those of small.tif \(90 x 120 .*: use the raster",
     ),
     "other CRS": (
         ("mesh.gpkg", "--like=crs.tif"),
-        "the mesh is in EPSG:32725 and crs.tif in EPSG:31985: name the raster .*--crs",
+        "the mesh is in EPSG:32725 and crs.tif in EPSG:31985: use the raster .*--crs",
     ),
     "other band": (("mesh.gpkg", "--like=scene.tif", "-b4"), "band 4 does not exist: scene.tif"),
     "one band": (("mesh.gpkg", "--like=gray.tif"), "band 2 does not exist: gray.tif .*--bidx"),
