@@ -362,9 +362,9 @@ def test_read_mesh_tells_what_is_wrong(tmp_path: Path) -> None:
     ("statement", "message"),
     [
         ("DELETE FROM nodes WHERE id = 2", "should have 4 nodes with ids from 0"),
-        ("UPDATE triangles SET n0 = NULL WHERE id = 0", "triangles without 'n0'"),
+        ("UPDATE triangles SET n0 = NULL WHERE id = 0", "triangles without a value of 'n0'"),
         ("UPDATE triangles SET n0 = 99 WHERE id = 0", "nodes that do not exist"),
-        ("ALTER TABLE nodes RENAME COLUMN row TO line", "lacks the columns row in nodes"),
+        ("ALTER TABLE nodes RENAME COLUMN row TO line", "has no columns row in nodes"),
     ],
 )
 def test_read_mesh_refuses_an_edited_file(tmp_path: Path, statement: str, message: str) -> None:
@@ -447,7 +447,7 @@ def test_columns_that_a_format_cannot_hold_are_refused(tmp_path: Path) -> None:
         return replace(two_triangles(), node_table=table)
 
     for mesh, name in ((with_columns("fid"), "fid"), (with_columns("nir", "NIR"), "NIR")):
-        with pytest.raises(OutputError, match=f"cannot hold a column '{name}' in nodes"):
+        with pytest.raises(OutputError, match=f"cannot store the column '{name}' of the nodes"):
             write_mesh(mesh, tmp_path / "mesh.gpkg")
         write_mesh(mesh, tmp_path / f"{name}.parquet", layers=["nodes"])
 
