@@ -136,26 +136,31 @@ def statistics(scene_path: Path, kept: Kept) -> Timed:
 
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.raster.open import open_scene
-    from geomesh.zonal.kernels import blend, scan_triangles
-    from geomesh.zonal.statistics import split_by_tiles
+    from geomesh.zonal.kernels import collect_pixels, find_moments
+    from geomesh.zonal.tile_mesh import split_by_tiles
 
-    mesh, scene, tasks = kept.load(kept.mesh), open_scene(scene_path), []
+    def run(part: Any, bands: Any, valid: Any, tile: Any) -> None:
+        core, count = tile.core, len(part.triangles)
+        pixels, stops = np.zeros((2, count), np.int64)
+        members = np.empty(core.width * core.height + 1, np.int32)
+        origin = np.array([tile.read.row, tile.read.col])
+        box = np.array([core.row, core.stop_row, core.col, core.stop_col])
+        collect_pixels(part.nodes, part.triangles, valid, origin, box, pixels, stops, members)
+        moments, values = np.zeros((4, count)), np.empty(valid.size)
+        for band in bands:
+            values.reshape(valid.shape)[:] = band
+            find_moments(values, members, stops, moments)
+
+    mesh, scene = kept.load(kept.mesh), open_scene(scene_path)
     tiles = plan_tiles(scene.grid.extent, halo=1)
     with scene.open():
-        for tile, share in zip(
-            tiles, split_by_tiles(mesh.nodes, mesh.triangles, tiles), strict=True
-        ):
-            bands, valid = scene.read(tile.read)
-            count, (core, read) = len(share.triangle_ids), (tile.core, tile.read)
-            chosen, origin = np.arange(count, dtype=np.int32), (read.row, read.col)
-            box = core.row, core.stop_row, core.col, core.stop_col
-            sums = *np.zeros((2, count), np.int64), np.zeros((4, len(bands), count))
-            flat, values = bands.reshape(len(bands), -1), np.empty((len(bands), len(share.nodes)))
-            scan = partial(scan_triangles, share.nodes, share.triangles, chosen, flat)
-            tasks.append(partial(scan, valid, origin, box, *sums))
-            tasks.append(partial(blend, share.nodes, bands, valid, origin, values))
-    for task in tasks[:2]:
-        task()  # compiled by now
+        tasks = [
+            partial(run, part, *scene.read(tile.read), tile)
+            for tile, part in zip(
+                tiles, split_by_tiles(mesh.nodes, mesh.triangles, tiles), strict=True
+            )
+        ]
+    tasks[0]()  # compiles the kernels
     start = perf_counter()
     for task in tasks:
         task()
