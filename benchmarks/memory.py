@@ -13,7 +13,7 @@ import sys
 from benchmarks import inputs
 
 # Bytes per unit of ru_maxrss: Linux counts in kilobytes, macOS in bytes.
-_UNIT = 2**20 if sys.platform == "darwin" else 2**10
+_UNIT = 1 if sys.platform == "darwin" else 2**10
 
 
 def peak_megabytes(contender: str, count: int) -> float:
