@@ -281,7 +281,7 @@ def test_triangle_that_spans_the_world_is_no_antimeridian_case(tmp_path: Path) -
     ("grid", "message"),
     [
         (Grid(50, 40), "no CRS: georeference the raster, or write .gpkg"),
-        (GEOREFERENCES["Mars"], "no way to them from 'Mars"),
+        (GEOREFERENCES["Mars"], "no transformation from 'Mars"),
         (Grid(50, 40, NORTH_UP, CRS('LOCAL_CS["shop floor",UNIT["metre",1]]')), "'shop floor'"),
         (
             Grid(50, 40, Affine(3e5, 0, -7.5e6, 0, -3e5, 6e6), CRS(GEOSTATIONARY)),
@@ -651,7 +651,7 @@ def test_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     def intrude(fraction: float, message: str) -> None:
         path.write_text("theirs")
 
-    with pytest.raises(OutputError, match="made by another program meanwhile"):
+    with pytest.raises(OutputError, match="created by another program in the meantime"):
         write_mesh(random_mesh(), path, progress=intrude)
     assert path.read_text() == "theirs"
 

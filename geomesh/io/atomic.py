@@ -97,7 +97,7 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
             _flush(finished)
             if place.exists() and not overwrite:
                 raise OutputError(
-                    f"{target} was made by another program meanwhile and was kept; use "
+                    f"{target} was created by another program in the meantime and was kept; use "
                     "`overwrite=True` to replace it"
                 )
             _replace(finished, place)
