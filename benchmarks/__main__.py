@@ -27,23 +27,23 @@ _LIBRARIES = (
 
 @click.command()
 @click.option("--quick", is_flag=True, help="Smaller inputs; ratios are not judged.")
-@click.option("--check", is_flag=True, help="Exit with 1 if a ratio or a result falls short.")
+@click.option("--check", is_flag=True, help="Exit with 1 if a ratio is too low or results differ.")
 def main(*, quick: bool, check: bool) -> None:
-    """Compare geomesh with other ways to the same result."""
+    """Compare geomesh with other libraries that compute the same results."""
     console = Console(width=None if Console().is_terminal else 200)
     with TemporaryDirectory() as cache:
-        # An empty cache, so that what is reported as compiling is that.
+        # An empty cache, so that the reported time of compiling is that of all kernels.
         os.environ["NUMBA_CACHE_DIR"] = cache
         rows, compiling = _compare(console, quick=quick)
     versions = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
     console.print(f"Python {platform.python_version()}, {os.cpu_count()} CPUs; {versions}")
     console.print(f"Compiling the statistics kernels, before all rounds: {compiling:.3g} s")
     console.print(_table(rows))
-    short = [row for row in rows if not (row.agree and row.reached)]
-    for row in short:
+    failed = [row for row in rows if not (row.agree and row.reached)]
+    for row in failed:
         reason = f"expected {row.expected:g}x" if row.agree else "the results do not agree"
-        console.print(f"[red]Fell short[/]: {row.case}, {row.peer or 'geomesh'}: {reason}")
-    if check and short:
+        console.print(f"[red]Failed[/]: {row.case}, {row.peer or 'geomesh'}: {reason}")
+    if check and failed:
         raise SystemExit(1)
 
 
@@ -59,7 +59,7 @@ def _compare(console: Console, *, quick: bool) -> tuple[list[Row], float]:
     cv2.setNumThreads(1)
     start = perf_counter()
     small = inputs.mesh(100, 64)
-    # Once more: kernels are compiled apart for a mesh's read-only arrays.
+    # Once more, because kernels are compiled separately for the read-only arrays of a mesh.
     inputs.statistics(small.nodes, small.triangles, inputs.image(64))
     compiling = perf_counter() - start
     rows: list[Row] = []
@@ -72,7 +72,7 @@ def _compare(console: Console, *, quick: bool) -> tuple[list[Row], float]:
 
 def _table(rows: Iterable[Row]) -> Table:
     table = Table(
-        title="Ratio above 1: geomesh takes less. Medians \\[range] of alternating rounds"
+        title="Ratio above 1: geomesh needs less. Medians \\[range] of alternating rounds"
     )
     for heading in ("case", "against", "geomesh", "peer", "ratio", "expected", "agreement"):
         table.add_column(heading, overflow="fold")

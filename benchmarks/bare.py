@@ -1,7 +1,7 @@
-"""The bare work in a mesh: what the libraries need for it when nothing else is done.
+"""The bare work of a mesh: the time that the libraries need if nothing else is done.
 
-Each step is timed in a process of its own, with memory allocated as in the command, on one
-thread, and with everything that it does not consist of prepared.
+Each step is timed in a separate process on one thread, with the memory settings of the
+command. Everything that is not part of the step is prepared before.
 """
 
 from __future__ import annotations
@@ -22,38 +22,38 @@ from geomesh.parallel.memory import keep_freed_memory
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-# (seconds, what was done)
+# (seconds, description of what was done)
 Timed = tuple[float, str]
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What is prepared once, in a folder, for all steps."""
+    """A folder with the inputs of all steps, which are prepared once."""
 
     folder: Path
 
     @property
     def gray(self) -> Path:
-        """The scene's gray image."""
+        """File with the gray image of the scene."""
         return self.folder / "gray.npy"
 
     @property
     def thresholds(self) -> Path:
-        """Those of Canny."""
+        """File with the thresholds of Canny."""
         return self.folder / "thresholds.pickle"
 
     @property
     def mesh(self) -> Path:
-        """The mesh as it comes out."""
+        """File with the finished mesh."""
         return self.folder / "mesh.pickle"
 
     def load(self, path: Path) -> Any:
-        """Return what lies at a path; nobody else writes to the folder."""
+        """Return the object in a pickle file; only this program writes to the folder."""
         return pickle.loads(path.read_bytes())
 
 
 def prepare(scene_path: Path, kept: Kept) -> None:
-    """Make the scene's gray image and its mesh."""
+    """Make the gray image, the thresholds and the mesh of a scene."""
     import numpy as np
 
     import geomesh
@@ -77,7 +77,7 @@ def prepare(scene_path: Path, kept: Kept) -> None:
 
 
 def reading(scene_path: Path, _kept: Kept) -> Timed:
-    """Read all bands of every tile with its halo, once."""
+    """Read all bands of every tile with its halo once."""
     import rasterio
     from rasterio.env import setenv
     from rasterio.windows import Window
@@ -98,7 +98,7 @@ def reading(scene_path: Path, _kept: Kept) -> Timed:
 
 
 def features(_scene_path: Path, kept: Kept) -> Timed:
-    """Detect with SIFT and Canny in the gray tiles, with the recipe's parameters."""
+    """Run SIFT and Canny on the gray tiles, with the parameters of the recipe."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -112,7 +112,7 @@ def features(_scene_path: Path, kept: Kept) -> Timed:
 
 
 def triangulation(_scene_path: Path, kept: Kept) -> Timed:
-    """Insert the mesh's nodes and outline, and erase what lies outside."""
+    """Triangulate the nodes and the outline of the mesh, and erase the triangles outside."""
     import numpy as np
     import pythoncdt
 
@@ -136,26 +136,31 @@ def statistics(scene_path: Path, kept: Kept) -> Timed:
 
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.raster.open import open_scene
-    from geomesh.zonal.kernels import blend, scan_triangles
-    from geomesh.zonal.statistics import split_by_tiles
+    from geomesh.zonal.kernels import collect_pixels, find_moments
+    from geomesh.zonal.tile_mesh import split_by_tiles
 
-    mesh, scene, tasks = kept.load(kept.mesh), open_scene(scene_path), []
+    def run(part: Any, bands: Any, valid: Any, tile: Any) -> None:
+        core, count = tile.core, len(part.triangles)
+        pixels, stops = np.zeros((2, count), np.int64)
+        members = np.empty(core.width * core.height + 1, np.int32)
+        origin = np.array([tile.read.row, tile.read.col])
+        box = np.array([core.row, core.stop_row, core.col, core.stop_col])
+        collect_pixels(part.nodes, part.triangles, valid, origin, box, pixels, stops, members)
+        moments, values = np.zeros((4, count)), np.empty(valid.size)
+        for band in bands:
+            values.reshape(valid.shape)[:] = band
+            find_moments(values, members, stops, moments)
+
+    mesh, scene = kept.load(kept.mesh), open_scene(scene_path)
     tiles = plan_tiles(scene.grid.extent, halo=1)
     with scene.open():
-        for tile, share in zip(
-            tiles, split_by_tiles(mesh.nodes, mesh.triangles, tiles), strict=True
-        ):
-            bands, valid = scene.read(tile.read)
-            count, (core, read) = len(share.triangle_ids), (tile.core, tile.read)
-            chosen, origin = np.arange(count, dtype=np.int32), (read.row, read.col)
-            box = core.row, core.stop_row, core.col, core.stop_col
-            sums = *np.zeros((2, count), np.int64), np.zeros((4, len(bands), count))
-            flat, values = bands.reshape(len(bands), -1), np.empty((len(bands), len(share.nodes)))
-            scan = partial(scan_triangles, share.nodes, share.triangles, chosen, flat)
-            tasks.append(partial(scan, valid, origin, box, *sums))
-            tasks.append(partial(blend, share.nodes, bands, valid, origin, values))
-    for task in tasks[:2]:
-        task()  # compiled by now
+        tasks = [
+            partial(run, part, *scene.read(tile.read), tile)
+            for tile, part in zip(
+                tiles, split_by_tiles(mesh.nodes, mesh.triangles, tiles), strict=True
+            )
+        ]
+    tasks[0]()  # compiles the kernels
     start = perf_counter()
     for task in tasks:
         task()
@@ -205,11 +210,11 @@ STEPS: dict[str, Callable[[Path, Kept], Timed]] = {
 
 
 def gain(kept: Kept, rounds: int) -> list[float]:
-    """Return how much faster two processes are than this one at SIFT alone, in every round."""
+    """Return the speedup of two processes over this process for SIFT alone, for every round."""
     _start()
     spawn = multiprocessing.get_context("spawn")
     tiles = list(_gray_tiles(kept.gray))
-    # The largest tile, on all of them: they are there, and have their memory.
+    # First the largest tile in both processes, so that they have started and have memory.
     largest = [max(tiles, key=lambda tile: tile.size)]
     ratios = []
     with ProcessPoolExecutor(2, spawn, initializer=_start) as pool:
@@ -263,7 +268,7 @@ def _gray_tiles(path: Path) -> Iterator[Any]:
 
 
 def main(task: str, scene_path: Path, folder: Path, options: Sequence[str]) -> None:
-    """Do one task and print what came of it as JSON."""
+    """Run one task and print its result as JSON."""
     kept = Kept(folder)
     if task == "prepare":
         prepare(scene_path, kept)

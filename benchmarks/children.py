@@ -1,7 +1,7 @@
-"""Work in processes of their own: how long it took, and the most memory it held.
+"""Run work in child processes and measure time and peak memory.
 
-The high-water mark of a child begins with that of its parent (Linux), so whoever calls
-this imports nothing heavy.
+On Linux, the peak memory of a child starts at that of its parent. So a program that calls
+this module should not import large libraries.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from threading import Event, Thread
 from time import perf_counter
 from typing import Any
 
-# Linux counts in kilobytes, macOS in bytes.
+# Bytes per unit of ru_maxrss: Linux counts in kilobytes, macOS in bytes.
 _UNIT = 1 if sys.platform == "darwin" else 2**10
 
-# Seconds between looks at a family of processes.
+# Seconds between two measurements of a process and its children.
 _PAUSE = 0.02
 
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a child.
+    """The measurements and the output of a child process.
 
     Attributes
     ----------
     seconds : float
-        By the clock, from start to exit.
+        Wall-clock time from start to exit.
     cpu : float
-        Seconds that its threads computed, together.
+        CPU seconds of all its threads.
     peak : float
-        The most memory that it and its own children held, in bytes.
-    told : Any
+        Peak memory of the child and its own children together, in bytes.
+    output : Any
         The JSON that it printed.
     """
 
     seconds: float
     cpu: float
     peak: float
-    told: Any
+    output: Any
 
 
 def run_module(module: str, *arguments: str | Path) -> Run:
-    """Run ``python -m module``, which prints JSON or nothing, to its end."""
+    """Run ``python -m module``, which prints JSON or nothing, and wait until it ends."""
     start = perf_counter()
     command = [sys.executable, "-m", module, *map(str, arguments)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
@@ -61,34 +61,34 @@ def run_module(module: str, *arguments: str | Path) -> Run:
     family = watch.stop()
     if child.returncode:
         raise SystemExit(f"{' '.join(command)} failed ({child.returncode})")
-    told = json.loads(printed) if printed.strip() else None
+    output = json.loads(printed) if printed.strip() else None
     peak = max(usage.ru_maxrss * _UNIT, family)
-    return Run(seconds, usage.ru_utime + usage.ru_stime, peak, told)
+    return Run(seconds, usage.ru_utime + usage.ru_stime, peak, output)
 
 
 class _Watch:
-    """Looks, many times a second, at what a process and its children hold together (Linux)."""
+    """Measures the memory of a process and its children many times per second (Linux)."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
-        self._most = 0
+        self._peak = 0
         self._ended = Event()
-        self._thread = Thread(target=self._look)
+        self._thread = Thread(target=self._measure)
         self._thread.start()
 
     def stop(self) -> int:
-        """Return the most memory seen, in bytes."""
+        """Return the peak memory, in bytes."""
         self._ended.set()
         self._thread.join()
-        return self._most
+        return self._peak
 
-    def _look(self) -> None:
+    def _measure(self) -> None:
         while not self._ended.wait(_PAUSE):
             pids = {self._pid}
             with suppress(OSError):
                 for children in Path(f"/proc/{self._pid}/task").glob("*/children"):
                     pids.update(map(int, children.read_text().split()))
-            self._most = max(self._most, sum(map(_resident, pids)))
+            self._peak = max(self._peak, sum(map(_resident, pids)))
 
 
 def _resident(pid: int) -> int:
@@ -98,10 +98,10 @@ def _resident(pid: int) -> int:
 
 
 def mesh(scene: Path, out: Path, workers: int, *options: str) -> Run:
-    """Run ``geomesh mesh`` on a scene; what it told is its nodes and triangles."""
+    """Run ``geomesh mesh`` on a scene; the output has the numbers of nodes and triangles."""
     quiet = ("--json", "--progress", "none", "--overwrite")
     run = run_module(
         "geomesh", "mesh", scene, "-o", out, "--workers", str(workers), *quiet, *options
     )
-    (result,) = run.told["results"]
+    (result,) = run.output["results"]
     return Run(run.seconds, run.cpu, run.peak, result)

@@ -1,4 +1,4 @@
-"""What a mesh file holds: a digest of its rows, and how many bytes its arrays take in memory."""
+"""Measure the contents of a mesh file: a digest of its rows, and the bytes of its arrays."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def digest(path: Path) -> str:
     with closing(sqlite3.connect(path)) as database:
         for layer in LAYERS:
             for row in database.execute(f'SELECT * FROM "{layer}" ORDER BY id'):
-                found.update(marshal.dumps(row, 2))  # version 2 knows no shared objects
+                found.update(marshal.dumps(row, 2))  # version 2 does not mark shared objects
     return found.hexdigest()
 
 
 def array_bytes(path: Path) -> int:
-    """Return the bytes of the columns of all layers, nodes and corners among them."""
+    """Return the bytes in memory of the columns of all layers."""
     mesh = read_mesh(path)
     return sum(column.nbytes for layer in LAYERS for column in mesh.attributes(layer).values())
 

@@ -1,4 +1,4 @@
-"""What the runs of `benchmarks.scale` come to: tables, and what is expected of them."""
+"""The results of `benchmarks.scale`: tables, and checks of expected values."""
 
 from __future__ import annotations
 
@@ -15,50 +15,52 @@ if TYPE_CHECKING:
 
     from benchmarks.children import Run
 
-# The whole command over the bare work in it, both on one thread.
+# Maximum time of the whole command divided by that of its bare work, both on one thread.
 WHOLE = 1.3
-# What two workers gain, over what two processes gain at SIFT alone.
+# Minimum speedup of two workers divided by the speedup of two processes for SIFT alone.
 GAIN = 0.9
-# The most seconds a megapixel over the fewest, start-up apart, from 4 megapixels on.
+# Maximum ratio of the most to the fewest seconds per megapixel, without start-up, for sizes
+# from 4 megapixels on.
 FLAT, FLAT_FROM = 1.15, 2000
-# Peak memory apart from the mesh's own arrays: of the largest scene over that of this one.
+# Maximum ratio of the peak memory, without the arrays of the mesh, of two sizes; and the
+# maximum peak memory in bytes of the larger size.
 MEMORY, MEMORY_FROM, MEMORY_TO = 1.3, 4000, 10_980
 MOST_MEMORY = 2e9
 
 
 @dataclass
 class Findings:
-    """All that was measured; one entry a round where there is a list.
+    """All measurements; lists have one entry per round.
 
     Attributes
     ----------
     size : int
-        Side of the scene that the bare work was done on.
+        Side of the scene of the bare work, in pixels.
     compiling : float
         Seconds of the first run, with an empty cache of compiled code.
     startup : list of Run
-        The command with two workers on 64 x 64 pixels.
+        The command with two workers on 64 x 64 pixels; three runs per round.
     steps : dict of str to list of float
         Seconds of each step of the bare work.
-    told : dict of str to str
+    descriptions : dict of str to str
         What each step did.
     one, coarse : list of Run
-        The command with one worker; with two and without doubled image.
+        The command with one worker, and with two workers but without the doubled image.
     two : dict of int to list of Run
         The command with two workers, by the side of the scene.
     gains : list of float
-        Of two processes at SIFT alone.
+        Speedup of two processes for SIFT alone.
     arrays : dict of int to float
-        Bytes of the mesh's own arrays, by the side of the scene.
+        Bytes of the arrays of the mesh, by the side of the scene.
     digests : list of str
-        Of the rows written by one worker, and by two.
+        Digests of the rows written with one worker and with two workers.
     """
 
     size: int
     compiling: float = 0.0
     startup: list[Run] = field(default_factory=list)
     steps: dict[str, list[float]] = field(default_factory=dict)
-    told: dict[str, str] = field(default_factory=dict)
+    descriptions: dict[str, str] = field(default_factory=dict)
     one: list[Run] = field(default_factory=list)
     two: dict[int, list[Run]] = field(default_factory=dict)
     coarse: list[Run] = field(default_factory=list)
@@ -68,39 +70,39 @@ class Findings:
 
     @property
     def bare(self) -> list[float]:
-        """Seconds of all steps together, round by round."""
+        """Seconds of all steps together, for each round."""
         return [sum(seconds) for seconds in zip(*self.steps.values(), strict=True)]
 
     @property
     def whole(self) -> list[float]:
-        """The command with one worker over the bare work, round by round."""
+        """Time of the command with one worker divided by the bare work, for each round."""
         return _ratios(_seconds(self.one), self.bare)
 
     @property
     def gain(self) -> list[float]:
-        """The command with one worker over that with two, round by round."""
+        """Speedup of two workers over one worker, for each round."""
         return _ratios(_seconds(self.one), _seconds(self.two[self.size]))
 
     def beyond_startup(self, size: int) -> float:
-        """Return the seconds a megapixel that a scene takes beyond start-up."""
+        """Return the seconds per megapixel of a scene, without start-up."""
         more = median(_seconds(self.two[size])) - median(_seconds(self.startup))
         return more / megapixels(size)
 
     def cpu_beyond_startup(self, size: int) -> float:
-        """Return the same in CPU seconds, which tell less of what else the machine does."""
+        """Return the CPU seconds per megapixel, which depend less on other programs."""
         return (median(_cpu(self.two[size])) - median(_cpu(self.startup))) / megapixels(size)
 
     def peak(self, size: int) -> float:
-        """Return the most bytes that a run on a scene held."""
+        """Return the peak memory of all runs on a scene, in bytes."""
         return max(run.peak for run in self.two[size])
 
-    def apart(self, size: int) -> float:
-        """Return the peak without the mesh's own arrays."""
+    def peak_without_arrays(self, size: int) -> float:
+        """Return the peak memory without the arrays of the mesh, in bytes."""
         return self.peak(size) - self.arrays[size]
 
 
 class Check(NamedTuple):
-    """One expectation.
+    """One expected value and the measured value.
 
     Attributes
     ----------
@@ -120,17 +122,18 @@ def megapixels(size: int) -> float:
 
 
 def checks(found: Findings) -> Iterator[Check]:
-    """Yield what can be said of the sizes that were measured."""
+    """Yield the checks that are possible with the measured sizes."""
     ratio = median(found.whole)
     yield Check(
-        "the whole command, one worker, over the bare work",
+        "time of the whole command, one worker, divided by the bare work",
         spread(found.whole),
         f"<= {WHOLE}",
         ratio <= WHOLE,
     )
     shares = _ratios(found.gain, found.gains)
     yield Check(
-        f"gain of two workers, {spread(found.gain)}x, over that of SIFT, {spread(found.gains)}x",
+        f"speedup of two workers, {spread(found.gain)}x, divided by that of SIFT, "
+        f"{spread(found.gains)}x",
         spread(shares),
         f">= {GAIN}",
         median(shares) >= GAIN,
@@ -144,7 +147,7 @@ def checks(found: Findings) -> Iterator[Check]:
         ):
             rates = [rate(size) for size in judged]
             flat = max(rates) / min(rates)
-            what = f"{unit} a megapixel beyond start-up, {sides} pixels wide: most over fewest"
+            what = f"{unit} per megapixel without start-up, {sides} pixels wide: most / fewest"
             yield Check(what, f"{flat:.2f}", f"<= {FLAT}", flat <= FLAT)
     if MEMORY_TO in found.two:
         peak = found.peak(MEMORY_TO)
@@ -152,21 +155,21 @@ def checks(found: Findings) -> Iterator[Check]:
         what = f"peak memory at {MEMORY_TO:,}"
         yield Check(what, f"{peak / 1e6:,.0f} MB", most, peak < MOST_MEMORY)
         if MEMORY_FROM in found.two:
-            growth = found.apart(MEMORY_TO) / found.apart(MEMORY_FROM)
-            what = f"the same without the mesh's own arrays, over that at {MEMORY_FROM:,}"
+            growth = found.peak_without_arrays(MEMORY_TO) / found.peak_without_arrays(MEMORY_FROM)
+            what = f"the same without the arrays of the mesh, divided by that at {MEMORY_FROM:,}"
             yield Check(what, f"{growth:.2f}", f"<= {MEMORY}", growth <= MEMORY)
     same = len(set(found.digests)) == 1
     short = ", ".join(digest[:12] for digest in found.digests)
-    yield Check("SHA-256 of all rows, one worker and two", short, "the same", same)
+    yield Check("SHA-256 of all rows, one worker and two workers", short, "the same", same)
 
 
 def bare_table(found: Findings) -> Table:
-    """Return the bare work, step by step, beside the whole command."""
+    """Return a table of the steps of the bare work, and of the whole command."""
     table = Table(title=f"Bare work on {found.size:,} x {found.size:,} pixels, one thread")
     for heading in ("step", "seconds", "what"):
         table.add_column(heading)
     for step, seconds in found.steps.items():
-        table.add_row(step, spread(seconds), found.told[step])
+        table.add_row(step, spread(seconds), found.descriptions[step])
     table.add_row("sum", spread(found.bare), "", style="bold")
     for name, runs in (
         ("geomesh mesh, one worker", found.one),
@@ -174,25 +177,24 @@ def bare_table(found: Findings) -> Table:
         ("... with --no-sift-upsample", found.coarse),
     ):
         cpu = median(_cpu(runs))
-        table.add_row(
-            name, spread(_seconds(runs)), f"{runs[0].told['nodes']:,} nodes, {cpu:.3g} CPU seconds"
-        )
+        nodes = runs[0].output["nodes"]
+        table.add_row(name, spread(_seconds(runs)), f"{nodes:,} nodes, {cpu:.3g} CPU seconds")
     return table
 
 
 def size_table(found: Findings) -> Table:
-    """Return a row for every size."""
+    """Return a table with a row for every size."""
     startup = median(_seconds(found.startup))
     table = Table(
-        title=f"geomesh mesh, two workers; start-up ({startup:.2f} s) is what 64 x 64 pixels take"
+        title=f"geomesh mesh, two workers; start-up is the time for 64 x 64 pixels: {startup:.2f} s"
     )
     for heading in (
-        *("pixels", "Mpx", "seconds", "s/Mpx", "beyond start-up", "CPU s/Mpx", "beyond"),
-        *("peak MB", "mesh's arrays MB", "nodes", "nodes/Mpx", "triangles"),
+        *("pixels", "Mpx", "seconds", "s/Mpx", "without start-up", "CPU s/Mpx", "without"),
+        *("peak MB", "arrays of the mesh MB", "nodes", "nodes/Mpx", "triangles"),
     ):
         table.add_column(heading, justify="right")
     for size, runs in sorted(found.two.items()):
-        area, nodes = megapixels(size), runs[0].told["nodes"]
+        area, nodes = megapixels(size), runs[0].output["nodes"]
         table.add_row(
             f"{size:,} x {size:,}",
             f"{area:.4g}",
@@ -205,13 +207,13 @@ def size_table(found: Findings) -> Table:
             f"{found.arrays[size] / 1e6:,.0f}",
             f"{nodes:,}",
             f"{nodes / area:,.0f}",
-            f"{runs[0].told['triangles']:,}",
+            f"{runs[0].output['triangles']:,}",
         )
     return table
 
 
 def check_table(found: Sequence[Check]) -> Table:
-    """Return the expectations and what came of them."""
+    """Return a table of the checks."""
     table = Table(title="Medians \\[range] of alternating rounds")
     for heading in ("what", "found", "expected"):
         table.add_column(heading, overflow="fold")
@@ -230,5 +232,5 @@ def _cpu(runs: Sequence[Run]) -> list[float]:
 
 
 def _ratios(over: Sequence[float], under: Sequence[float]) -> list[float]:
-    """Round by round: neighbours in time share the machine's mood."""
+    """Return ratios round by round: in one round, other programs slow down both values."""
     return [a / b for a, b in zip(over, under, strict=True)]

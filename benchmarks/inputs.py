@@ -1,4 +1,4 @@
-"""What the contenders work on: made from a fixed seed, the same in every run."""
+"""Inputs of the benchmarks: made from a fixed seed, so they are the same in every run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from geomesh.zonal.statistics import Statistics, measure_tile, merge
 Floats = NDArray[np.float64]
 
 _EXTENT = 8192.0
-_SUBPIXELS = 256  # the pipeline's nodes lie on a grid of 2^-8 pixels
+_SUBPIXELS = 256  # nodes of the pipeline are on a grid of 2^-8 pixels
 
 
 def uniform(count: int) -> Floats:
@@ -38,14 +38,14 @@ def uniform(count: int) -> Floats:
 
 
 def clustered(count: int) -> Floats:
-    """Return points in heaps of about a thousand."""
+    """Return points in clusters of about a thousand, (count, 2)."""
     rng = np.random.default_rng(2)
     centres = rng.uniform(0, _EXTENT, (max(count // 1000, 1), 2))
     return centres[rng.integers(len(centres), size=count)] + rng.normal(0, 8, (count, 2))
 
 
 def lattice(count: int) -> Floats:
-    """Return the largest square of whole numbers with at most `count` points."""
+    """Return the largest square lattice of integer points with at most `count` points."""
     side = int(count**0.5)
     return np.indices((side, side), dtype=np.float64).reshape(2, -1).T.copy()
 
@@ -79,7 +79,7 @@ def mesh(triangles: int, size: int) -> Mesh:
     """Return a mesh of about `triangles` triangles over all of `image`, with its statistics."""
     points, segments = framed(triangles // 2, size)
     faces, _ = constrained_delaunay(points, segments)
-    faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # rows run down: the map is flipped
+    faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # rows go down: the map is flipped
     stats = statistics(points, faces, image(size))
     pixels, names = size * size, ["b1", "b2", "b3"]
     bands = tuple(SourceBand(name, index, None) for index, name in enumerate(names, start=1))
@@ -105,7 +105,7 @@ def mesh(triangles: int, size: int) -> Mesh:
 def statistics(
     points: Floats, triangles: NDArray[np.int32], bands: NDArray[np.uint16]
 ) -> Statistics:
-    """Measure the triangles over the tile plan, as the pipeline does."""
+    """Return band statistics, measured tile by tile as in the pipeline."""
     grid = Grid(bands.shape[2], bands.shape[1])
     valid = np.ones(bands.shape[1:], np.bool_)
     partials = []

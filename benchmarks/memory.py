@@ -1,7 +1,7 @@
-"""Peak memory of one triangulation, in a process of its own.
+"""Peak memory of one triangulation, measured in a separate process.
 
-The high-water mark of a child begins with that of its parent (Linux), so this is to
-be called before the parent has grown.
+On Linux, the peak memory of a child starts at that of its parent. So call this before the
+parent uses much memory.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import sys
 
 from benchmarks import inputs
 
-# Linux counts in kilobytes, macOS in bytes.
-_UNIT = 2**20 if sys.platform == "darwin" else 2**10
+# Bytes per unit of ru_maxrss: Linux counts in kilobytes, macOS in bytes.
+_UNIT = 1 if sys.platform == "darwin" else 2**10
 
 
 def peak_megabytes(contender: str, count: int) -> float:
-    """Return the megabytes that `contender` takes beyond libraries and input."""
+    """Return the megabytes that `contender` needs in addition to libraries and input."""
     command = [sys.executable, "-m", "benchmarks.memory", contender, str(count)]
     output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return float(output)
@@ -25,7 +25,7 @@ def peak_megabytes(contender: str, count: int) -> float:
 
 def _measure(contender: str, count: int) -> float:
     points = inputs.uniform(count)
-    # Both are loaded, so that both start from the same mark.
+    # Import both libraries, so that both measurements start from the same memory.
     from scipy.spatial import Delaunay
 
     from geomesh.delaunay.triangulate import delaunay

@@ -1,4 +1,4 @@
-"""Scenes of any size: a real image, mirrored over and over, so that texture stays the same."""
+"""Make scenes of any size from a real image, mirrored repeatedly to keep the same texture."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BLOCK = 512
 
 
 def make_scene(size: int, path: Path) -> None:
-    """Write a GeoTIFF of `size` x `size` pixels as archives have them: tiled and compressed."""
+    """Write a GeoTIFF of `size` x `size` pixels, tiled and compressed as in archives."""
     with rasterio.open(SAMPLE) as sample:
         bands, profile = sample.read(), sample.profile
     block = {"tiled": True, "blockxsize": _BLOCK, "blockysize": _BLOCK} if size >= _BLOCK else {}
@@ -40,7 +40,7 @@ def make_scene(size: int, path: Path) -> None:
 
 
 def _mirrored(start: int, count: int, length: int) -> NDArray[np.intp]:
-    """Return which of `length` pixels stand at `start`, `start` + 1, ...: back and forth."""
+    """Return the source pixels (of `length`) for `start`, `start` + 1, ..., back and forth."""
     place = np.arange(start, start + count) % (2 * length)
     return np.minimum(place, 2 * length - 1 - place)
 

@@ -1,4 +1,4 @@
-"""Timing contenders in turn, and what came of it."""
+"""Time contenders in alternating rounds, and store the results."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: geomesh, one peer, and whether their results agree.
+    """One row of the table: geomesh, one peer, and whether their results agree.
 
     Parameters
     ----------
     case : str
-        What was done, to how much.
+        The kind and amount of work.
     peer : str
-        What geomesh is compared with; empty if with nothing.
+        What geomesh is compared with; empty if there is no peer.
     ours, theirs : sequence of float
-        One figure a round, in `unit`.
+        One value per round, in `unit`.
     expected : float, optional
-        The least ratio theirs / ours that geomesh sets itself.
+        Minimum ratio theirs / ours that geomesh should reach.
     agree : bool
+        Whether the results agree.
     evidence : str
-        What was compared of the two results, in a few words.
+        How the results were compared, in a few words.
     """
 
     case: str
@@ -42,24 +43,24 @@ class Row:
 
     @property
     def ratios(self) -> list[float]:
-        """Theirs / ours, round by round: neighbours in time share the machine's mood."""
+        """Theirs / ours for each round: in one round, other programs slow down both."""
         return [b / a for a, b in zip(self.ours, self.theirs, strict=False)]
 
     @property
     def reached(self) -> bool:
-        """Whether the median ratio is as expected."""
+        """True if the median ratio is at least the expected ratio."""
         return self.expected is None or median(self.ratios) >= self.expected
 
 
 def alternate(rounds: int, *contenders: Callable[[], Any]) -> tuple[list[list[float]], list[Any]]:
-    """Run the contenders in turn, `rounds` times.
+    """Run all contenders one after the other, `rounds` times.
 
     Returns
     -------
     times : list of list of float
         For each contender, the wall-clock seconds of each round.
     results : list
-        For each contender, what it returned last.
+        For each contender, its result in the last round.
     """
     times: list[list[float]] = [[] for _ in contenders]
     results: list[Any] = [None] * len(contenders)
@@ -78,7 +79,7 @@ def alternate(rounds: int, *contenders: Callable[[], Any]) -> tuple[list[list[fl
 
 
 def spread(values: Sequence[float]) -> str:
-    """Return the median and, of more than one value, the range."""
+    """Return the median and, if there is more than one value, the range, as text."""
     if not values:
         return "-"
     middle = f"{median(values):.3g}"

@@ -1,4 +1,4 @@
-"""Triangulation: geomesh.delaunay.triangulate against Qhull through scipy.spatial."""
+"""Triangulation: compare geomesh.delaunay with Qhull (scipy.spatial)."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ PEER = "scipy.spatial.Delaunay"
 
 
 def memory(*, quick: bool) -> Row:
-    """Compare the memory that either takes beyond its input, in processes of their own."""
+    """Compare the memory that both need in addition to their input, in separate processes."""
     count = 100_000 if quick else 1_000_000
     ours, theirs = peak_megabytes("geomesh", count), peak_megabytes("scipy", count)
-    evidence = "extra peak of a fresh process"
+    evidence = "extra peak memory of a new process"
     return Row(f"{count:,} uniform, memory", PEER, [ours], [theirs], None, True, evidence, "MB")
 
 
@@ -51,7 +51,7 @@ def _duel(case: str, points: NDArray[np.float64], rounds: int, expected: float |
     sound = [_is_sound(points, triangles, hull) for triangles in (one, other)]
     same = len(one) == len(other)
     if same and not np.array_equal(points, np.floor(points)):
-        # Unique, but for cocircular points.
+        # The triangulation is unique, except for cocircular points such as those of a lattice.
         same = np.array_equal(_canonical(one), _canonical(other))
     evidence = f"{len(one):,} triangles, scipy {len(other):,}; Euler, area"
     if not sound[1]:
@@ -68,7 +68,7 @@ def _outlined(count: int, rounds: int) -> Row:
 
 
 def _is_sound(points: NDArray[np.float64], triangles: NDArray[np.int32], area: float) -> bool:
-    """Tell whether the triangles use every point, and are as many and as large as they must be."""
+    """Return whether the triangles use all points and have the right number and total area."""
     corners = points[triangles]
     (abx, aby), (acx, acy) = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
     total = np.abs(abx * acy - aby * acx).sum() / 2

@@ -1,4 +1,4 @@
-"""Writing a GeoPackage: geomesh.io against GeoDataFrame.to_file."""
+"""Write a GeoPackage: compare geomesh.io with GeoDataFrame.to_file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def run(*, quick: bool) -> Iterator[Row]:
     with TemporaryDirectory() as folder:
         one, other = Path(folder, "geomesh.gpkg"), Path(folder, "geopandas.gpkg")
 
-        # A new mesh each time: what it derives, it keeps.
+        # A new mesh each time, because a mesh caches what it has computed.
         def whole() -> None:
             one.unlink(missing_ok=True)
             write_mesh(replace(mesh), one, layers=[LAYER])
@@ -95,6 +95,6 @@ def _indexed_rows(path: Path) -> int:
         (column,) = database.execute(
             "SELECT column_name FROM gpkg_geometry_columns WHERE table_name = ?", (LAYER,)
         ).fetchone()
-        # The R-tree's own table of rows: readable without the R-tree module.
+        # The table of rows of the R-tree can be read without the R-tree module.
         query = f'SELECT count(*) FROM "rtree_{LAYER}_{column}_rowid"'
         return int(database.execute(query).fetchone()[0])

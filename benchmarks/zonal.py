@@ -1,4 +1,4 @@
-"""Band statistics of triangles: geomesh.zonal against rasterize + bincount and exactextract."""
+"""Band statistics of triangles: compare geomesh.zonal with rasterio + numpy and exactextract."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def run(*, quick: bool) -> Iterator[Row]:
     size, triangles, subset = (512, 20_000, 1_000) if quick else (2048, 200_000, 5_000)
     bands, mesh = inputs.image(size), inputs.mesh(triangles, size)
     nodes, faces = mesh.nodes, mesh.triangles
-    # The peers get ready polygons, in pixel coordinates.
+    # The peers get finished polygons, in pixel coordinates.
     polygons = shapely.polygons(nodes[faces[:, [0, 1, 2, 0]]])
     every = len(faces) // subset
     chosen = np.arange(0, len(faces), every)
     frame = gpd.GeoDataFrame(geometry=polygons[chosen], crs=mesh.grid.crs)
     wkt = frame.crs.to_wkt()
-    # exactextract's rows run up: mirror the raster, not the polygons.
+    # In exactextract, y goes up: flip the raster, not the polygons.
     sources = [
         NumPyRasterSource(band[::-1].copy(), 0, 0, size, size, name=f"b{k}", srs_wkt=wkt)
         for k, band in enumerate(bands)
@@ -100,10 +100,10 @@ def _compare_owned(
 def _compare_exact(
     ours: Statistics, chosen: NDArray[np.intp], areas: NDArray[np.float64], table: Any
 ) -> tuple[bool, str]:
-    """Compare with shares of pixels, which differ at the rims.
+    """Compare with exactextract, which weights pixels by their share in the triangle.
 
-    A pixel whose centre lies in a triangle has a share in it, so exactextract's least and
-    greatest values enclose geomesh's.
+    Every pixel whose centre is in a triangle has a share in it. So minimum and maximum of
+    exactextract enclose those of geomesh.
     """
     mean, low, high = (
         np.stack([table[f"b{k}_{operation}"] for k in range(len(ours.mean))])

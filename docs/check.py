@@ -1,6 +1,6 @@
-"""Check a built site: it needs no network, its links lead somewhere, every command is on it.
+"""Check the built site: it needs no network, its links work, and it describes every command.
 
-Run by `make docs`: ``python docs/check.py build/docs``.
+`make docs` runs it: ``python docs/check.py build/docs``.
 """
 
 import re
@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 
 from geomesh.cli import cli
 
-# What a browser fetches by itself to show a page.
+# Tags and attributes that make a browser load a file to show a page.
 LOADED = {
     ("script", "src"),
     ("link", "href"),
@@ -25,7 +25,7 @@ LOADED = {
 
 
 class Page(HTMLParser):
-    """The anchors of a page, what it links to, and what it loads."""
+    """The anchors of a page, its links, and the files that it loads."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ def main(site: Path) -> int:
 
 
 def read(site: Path) -> dict[Path, Page]:
-    # The theme's own templates lie among its static files.
+    # Skip `_static`: it contains templates of the theme.
     found = (path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts)
     return {path.resolve(): Page(path) for path in found}
 
@@ -63,7 +63,7 @@ def outside(pages: dict[Path, Page]) -> Iterator[str]:
     for path, page in pages.items():
         for target in page.loaded:
             if urlsplit(target).netloc:
-                yield f"{path.name} loads {target} from a network"
+                yield f"{path.name} loads {target} from the network"
 
 
 def styles(site: Path) -> Iterator[str]:
@@ -71,7 +71,7 @@ def styles(site: Path) -> Iterator[str]:
         for target in re.findall(
             r"(?:url\(|@import)\s*[\"']?((?:https?:)?//[^\"')]+)", path.read_text()
         ):
-            yield f"{path.name} loads {target} from a network"
+            yield f"{path.name} loads {target} from the network"
 
 
 def dangling(pages: dict[Path, Page]) -> Iterator[str]:
@@ -82,16 +82,16 @@ def dangling(pages: dict[Path, Page]) -> Iterator[str]:
                 continue
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             if not target.exists():
-                yield f"{path.name} links to {link}, which is not there"
+                yield f"{path.name} links to {link}, which does not exist"
             elif target in pages and unquote(parts.fragment) not in {"", *pages[target].anchors}:
-                yield f"{path.name} links to {link}, where there is no such place"
+                yield f"{path.name} links to {link}, but that page has no such anchor"
 
 
 def missing(pages: dict[Path, Page], site: Path) -> Iterator[str]:
     reference = pages.get((site / "cli.html").resolve())
     for name in cli.commands:
         if reference is None or f"geomesh-{name}" not in reference.anchors:
-            yield f"cli.html does not tell of geomesh {name}"
+            yield f"cli.html does not describe geomesh {name}"
 
 
 if __name__ == "__main__":

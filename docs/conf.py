@@ -1,4 +1,4 @@
-"""Sphinx: how the pages in this folder become the site that `make docs` builds."""
+"""Configuration of Sphinx, with which `make docs` builds the site from this folder."""
 
 import os
 import sys
@@ -9,7 +9,7 @@ import geomesh
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
 
-# The tutorial's kernel is the Python that builds, and tells of errors alone.
+# The tutorial runs in the Python that builds the site, and prints only errors.
 os.environ["JUPYTER_PATH"] = str(HERE / "_jupyter")
 os.environ.pop("MPLBACKEND", None)
 
@@ -26,25 +26,25 @@ extensions = [
     "mathml",
     "parameters",
 ]
-default_role = "code"  # what docstrings have between single backquotes
+default_role = "code"  # for single backquotes in docstrings
 exclude_patterns = ["_extensions", "_jupyter"]
 nitpicky = True
 
-# Pages stand in the repository, too: they are Markdown that its browser shows as it is.
+# The pages are Markdown, so that the web view of the repository can show them, too.
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}
 myst_enable_extensions = ["dollarmath"]
-# A command is followed by its output or a comment: no language would colour it well.
+# Commands are shown with their output or comments: no language highlights that well.
 highlight_language = "none"
-smartquotes = False  # it would make one dash of the two of an option
+smartquotes = False  # they would turn the two hyphens of an option into a dash
 
-# The tutorial runs in every build: a stale page would be worse than a slow one.
+# The tutorial runs in every build: an outdated page would be worse than a slow build.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_merge_streams = True
 nb_ipywidgets_js = {}
 
-autodoc_typehints = "none"  # the docstrings give types, with shapes and units
+autodoc_typehints = "none"  # docstrings give the types, with shapes and units
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False

@@ -1,6 +1,6 @@
-"""Draw the pictures of the README, the documentation and the plugin's help from data_samples/.
+"""Draw the images of the README, the documentation and the plugin's help from data_samples/.
 
-Run from the top of a checkout: ``.venv/bin/python docs/pictures.py``.
+Run it in the root of a checkout: ``.venv/bin/python docs/pictures.py``.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ SAMPLES = Path("data_samples")
 IMAGES = Path("docs/images")
 HELP = Path("qgis_plugin/geomesh_qgis/images")
 
-# As wide as the help beside the parameters in QGIS shows without scrolling.
+# Width in pixels that the help panel of QGIS can show without scrolling.
 HELP_WIDTH = 220
 
 
@@ -46,7 +46,7 @@ def main() -> None:
 
 
 def draw_hero() -> None:
-    """Draw one scene, from left to right: pixels, edges of the mesh on them, triangles."""
+    """Draw one scene, from left to right: pixels, pixels with the mesh's edges, triangles."""
     found = run_stages(
         open_scene(SAMPLES / "iguacu_landsat8_rgb_uint16.tif"), geomesh.Recipe(), silent
     )
@@ -142,12 +142,12 @@ def mesh_colors(mesh: geomesh.Mesh) -> NDArray[Any]:
 
 
 def bright(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours, of 0 to 255 or to 1, as `Mesh.plot` shows them: dark images brightened."""
+    """Return colours (0 to 255 or 0 to 1) from 0 to 1, brightened as in `Mesh.plot`."""
     return np.clip(colors / max(np.percentile(colors, 99), 0.01), 0, 1)
 
 
 def keep(figure: Figure, name: str, dpi: int = 110) -> None:
-    """Save a figure for the documentation, with as many colours as the eye tells apart."""
+    """Save a figure for the documentation, with 256 colours to keep the file small."""
     figure.savefig(IMAGES / f"{name}.png", dpi=dpi, bbox_inches="tight", pad_inches=0.01)
     picture = Image.open(IMAGES / f"{name}.png").convert("RGB")
     picture.quantize(256, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)

@@ -158,7 +158,7 @@ OPTIONS: dict[str, Case] = {
         for value in (0, -5, "abc", "0%", "-1%", "nan%", "inf%", "%", "", 2.5, True, "1e9")
     },
     "--nodes 1": setting(
-        "nodes", 1, refused=None, warns=("the outline alone takes .* more than the 1 asked for",)
+        "nodes", 1, refused=None, warns=("the outline alone needs .* more than the 1 requested",)
     ),
     "--nodes 200%": setting("nodes", "200%", refused=None, warns=(FEWER,), valid=SIZE),
     "--nodes 10**18": setting("nodes", 10**18, refused=None, warns=(FEWER,), valid=SIZE),

@@ -177,11 +177,15 @@ def not_ours(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "options", "why"),
     [
-        (truncated, ("--nodes", "60"), "is no whole mesh file|is damaged|has not all its"),
-        (without_rows, ("--nodes", "60"), "has not all its triangles"),
+        (
+            truncated,
+            ("--nodes", "60"),
+            "is not a complete mesh file|is damaged|does not have all its",
+        ),
+        (without_rows, ("--nodes", "60"), "does not have all its triangles"),
         (another_source, ("--nodes", "60"), "was not made from the same pixels"),
-        (not_ours, ("--nodes", "60"), "is no whole mesh file of geomesh"),
-        (None, ("--nodes", "70"), "was made by another recipe"),
+        (not_ours, ("--nodes", "60"), "is not a complete mesh file of geomesh"),
+        (None, ("--nodes", "70"), "was made with another recipe"),
         (None, ("--nodes", "60", "--bidx", "1"), "was not made from the same pixels"),
         (None, ("--nodes", "60", "--nodata", "7"), "was not made from the same pixels"),
         (None, ("--nodes", "60", "--crs", "EPSG:32724"), "was not made from the same pixels"),
@@ -272,7 +276,7 @@ def test_a_process_that_is_lost_costs_one_raster(many: list[Path], tmp_path: Pat
     assert process.returncode == 1
     lost = [line for line in errors.splitlines() if line.startswith("Error: ")]
     assert len(lost) == 1
-    assert "the process that meshed it was lost" in lost[0]
+    assert "the process that meshed it ended unexpectedly" in lost[0]
     assert len(list((tmp_path / "out").glob("*.gpkg"))) == len(many) - 1
 
 

@@ -380,9 +380,7 @@ def test_a_file_named_twice_counts_once_and_two_of_one_name_count_twice(tmp_path
         (tmp_path / folder).mkdir()
         shutil.copy(OLINDA, tmp_path / folder / "scene.tif")
     (tmp_path / "link.tif").symlink_to(tmp_path / "one" / "scene.tif")
-    with pytest.warns(
-        GeomeshWarning, match=r"named more than once, and counted once: .*link\.tif$"
-    ):
+    with pytest.warns(GeomeshWarning, match=r"named more than once, but used once: .*link\.tif$"):
         images = find_images([tmp_path / "one", f"{tmp_path}/*/scene.tif", tmp_path / "link.tif"])
     assert images == [str(tmp_path / folder / "scene.tif") for folder in ("one", "two")]
     stdout, stderr = run(*images, *images[:1])
@@ -394,7 +392,7 @@ def test_a_file_named_twice_counts_once_and_two_of_one_name_count_twice(tmp_path
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda folder: folder, r"the folder .* holds no images \(\.tif"),
+        (lambda folder: folder, r"the folder .* has no images \(\.tif"),
         (lambda folder: f"{folder}/*.tif", "no file matches"),
     ],
 )

@@ -56,7 +56,7 @@ def test_help_and_messages_name_it(toy: Path) -> None:
     assert "UGRID, Lines" in " ".join(run(toy, "mesh", "--help").out.split())
     refused = run(toy, "mesh", OLINDA, "-o", toy / "a.txt")
     assert ".nc, .lines" in refused.error()
-    assert "Lines holds triangles, not edges" in (
+    assert "Lines can store triangles, not edges" in (
         run(toy, "mesh", OLINDA, "-o", toy / "a.lines", "--layers", "edges").error()
     )
 

@@ -257,15 +257,18 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "other size": (
         ("mesh.gpkg", "--like=small.tif"),
-        r"mesh \(100 x 120 of .* not among those of small.tif \(90 x 120 .*: name the raster",
+        r"mesh \(100 x 120 of .* not among those of small.tif \(90 x 120 .*: use the raster",
     ),
     "other CRS": (
         ("mesh.gpkg", "--like=crs.tif"),
-        "the mesh is in EPSG:32725 and crs.tif in EPSG:31985: name the raster .*--crs",
+        "the mesh is in EPSG:32725 and crs.tif in EPSG:31985: use the raster .*--crs",
     ),
     "other band": (("mesh.gpkg", "--like=scene.tif", "-b4"), "band 4 does not exist: scene.tif"),
     "one band": (("mesh.gpkg", "--like=gray.tif"), "band 2 does not exist: gray.tif .*--bidx"),
-    "picture": (("mesh.gpkg", "--like=scene.tif", "-oout.png"), "out.png is to be a GeoTIFF: name"),
+    "picture": (
+        ("mesh.gpkg", "--like=scene.tif", "-oout.png"),
+        "out.png is not named as a GeoTIFF; use",
+    ),
     "no folder": (("mesh.gpkg", "--like=scene.tif", "-ono/out.tif"), "folder of no/out.tif does"),
     "unknown compression": (
         ("mesh.gpkg", "--like=scene.tif", "--co=COMPRESS=FOO"),
@@ -277,15 +280,15 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "options at odds": (
         ("mesh.gpkg", "--like=scene.tif", "--co=COMPRESS=LZW", "--co=PREDICTOR=3"),
-        "creation options do not go together: .*PREDICTOR=3",
+        "creation options cannot be used together: .*PREDICTOR=3",
     ),
     "settled option": (
         ("mesh.gpkg", "--like=scene.tif", "--co=nodata=7"),
-        "nodata is no creation option of GTiff: .* leave it out",
+        "nodata is not a creation option of GTiff: .* leave it out",
     ),
     "lossy nodata": (
         ("holed.gpkg", "--like=holed.tif", "--co=COMPRESS=JPEG"),
-        "does not read back as it was written: .* other creation options",
+        "does not contain what was written to it: .* other creation options",
     ),
 }
 

@@ -169,7 +169,7 @@ def test_edges_of_any_triangles_are_those_of_a_dictionary(
 
 
 def test_a_negative_node_has_no_edges() -> None:
-    with pytest.raises(ValueError, match="node -2"):
+    with pytest.raises(ValueError, match="node id -2"):
         build_edges(np.array([[0, 1, -2]], np.int32))
 
 

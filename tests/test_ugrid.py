@@ -73,7 +73,7 @@ def test_many_colours_are_rounded_alike_in_each_channel(tmp_path):
 
 
 def test_it_holds_triangles_only(tmp_path):
-    with pytest.raises(OutputError, match="UGRID holds triangles, not nodes"):
+    with pytest.raises(OutputError, match="UGRID can store triangles, not nodes"):
         write_mesh(two_triangles(), tmp_path / "mesh.nc", layers=["nodes"])
 
 

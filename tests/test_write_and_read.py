@@ -281,7 +281,7 @@ def test_triangle_that_spans_the_world_is_no_antimeridian_case(tmp_path: Path) -
     ("grid", "message"),
     [
         (Grid(50, 40), "no CRS: georeference the raster, or write .gpkg"),
-        (GEOREFERENCES["Mars"], "no way to them from 'Mars"),
+        (GEOREFERENCES["Mars"], "no transformation from 'Mars"),
         (Grid(50, 40, NORTH_UP, CRS('LOCAL_CS["shop floor",UNIT["metre",1]]')), "'shop floor'"),
         (
             Grid(50, 40, Affine(3e5, 0, -7.5e6, 0, -3e5, 6e6), CRS(GEOSTATIONARY)),
@@ -362,9 +362,9 @@ def test_read_mesh_tells_what_is_wrong(tmp_path: Path) -> None:
     ("statement", "message"),
     [
         ("DELETE FROM nodes WHERE id = 2", "should have 4 nodes with ids from 0"),
-        ("UPDATE triangles SET n0 = NULL WHERE id = 0", "triangles without 'n0'"),
+        ("UPDATE triangles SET n0 = NULL WHERE id = 0", "triangles without a value of 'n0'"),
         ("UPDATE triangles SET n0 = 99 WHERE id = 0", "nodes that do not exist"),
-        ("ALTER TABLE nodes RENAME COLUMN row TO line", "lacks the columns row in nodes"),
+        ("ALTER TABLE nodes RENAME COLUMN row TO line", "has no columns row in nodes"),
     ],
 )
 def test_read_mesh_refuses_an_edited_file(tmp_path: Path, statement: str, message: str) -> None:
@@ -447,7 +447,7 @@ def test_columns_that_a_format_cannot_hold_are_refused(tmp_path: Path) -> None:
         return replace(two_triangles(), node_table=table)
 
     for mesh, name in ((with_columns("fid"), "fid"), (with_columns("nir", "NIR"), "NIR")):
-        with pytest.raises(OutputError, match=f"cannot hold a column '{name}' in nodes"):
+        with pytest.raises(OutputError, match=f"cannot store the column '{name}' of the nodes"):
             write_mesh(mesh, tmp_path / "mesh.gpkg")
         write_mesh(mesh, tmp_path / f"{name}.parquet", layers=["nodes"])
 
@@ -653,7 +653,7 @@ def test_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     def intrude(fraction: float, message: str) -> None:
         path.write_text("theirs")
 
-    with pytest.raises(OutputError, match="made by another program meanwhile"):
+    with pytest.raises(OutputError, match="created by another program in the meantime"):
         write_mesh(random_mesh(), path, progress=intrude)
     assert path.read_text() == "theirs"
 

@@ -1,4 +1,4 @@
-"""The directive `commands`: every command of the command line, as its own `--help` tells it."""
+"""The directive `commands`: describes every command with the text of its `--help`."""
 
 import inspect
 import textwrap
@@ -25,7 +25,7 @@ class Commands(SphinxDirective):
 
 
 def describe(command: click.Command, path: str, title: str) -> list[str]:
-    """Return a command in reStructuredText, in a section of its own if it has a title."""
+    """Return a command in reStructuredText, as a separate section if it has a title."""
     context = click.Context(command, info_name=path)
     heading = [title, "-" * len(title), ""] if title else []
     usage = " ".join([path, *command.collect_usage_pieces(context)])
@@ -41,7 +41,7 @@ def describe(command: click.Command, path: str, title: str) -> list[str]:
 
 
 def prose(text: str) -> list[str]:
-    """Return the paragraphs of a help text; one that must not be wrapped becomes code."""
+    r"""Return the paragraphs of a help text; a paragraph after \b becomes a code block."""
     lines = []
     for paragraph in inspect.cleandoc(text).split("\n\n"):
         if not paragraph.startswith("\b"):

@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers draw by themselves: MathJax would come from a network."""
+"""Write formulas as MathML, which browsers can draw; MathJax would need the network."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The directive `parameters`: each parameter of a recipe, its value in each preset, its meaning."""
+"""The directive `parameters`: a table of a recipe's parameters, with presets and meaning."""
 
 import json
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def table() -> Iterator[str]:
     widths = f"   :widths: 22 {'13 ' * len(PRESETS)} 52"
     yield from (".. list-table::", "   :header-rows: 1", "   :class: parameters", widths, "")
     yield from row("parameter", *PRESETS, "meaning")
-    told = {
+    meanings = {
         name.strip(): " ".join(parameter.desc)
         for parameter in ClassDoc(Recipe)["Parameters"]
         for name in parameter.name.split(",")
@@ -34,7 +34,7 @@ def table() -> Iterator[str]:
         if field.name == "preset":
             continue
         values = (f"``{shown(getattr(recipe, field.name))}``" for recipe in PRESETS.values())
-        yield from row(f"``{field.name}``", *values, told[field.name])
+        yield from row(f"``{field.name}``", *values, meanings[field.name])
 
 
 def row(*cells: str) -> Iterator[str]:
@@ -43,7 +43,7 @@ def row(*cells: str) -> Iterator[str]:
 
 
 def shown(value: object) -> str:
-    """Return a value as `--set NAME=VALUE` takes it."""
+    """Return a value as it is written in `--set NAME=VALUE`."""
     return value if isinstance(value, str) else json.dumps(value)
 
 

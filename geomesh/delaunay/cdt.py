@@ -1,4 +1,4 @@
-"""The engine of stage 4, CDT (pythoncdt): one exact triangulation of one set of points."""
+"""The engine of stage 4, CDT (pythoncdt): triangulates one set of points exactly."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Ids, Points, Triangles
 
-# The engine's first three vertices are those of a super-triangle around all points.
+# The first three vertices of the engine belong to a super-triangle around all points.
 _AUXILIARY = 3
 
-# For each number of 8 bits, the same bits with a gap after each.
+# For each 8-bit number, the same bits with a zero bit between neighbours.
 _SPREAD = np.array(
     [sum((value >> bit & 1) << 2 * bit for bit in range(8)) for value in range(256)], np.uint16
 )
 
 
 class Patch(NamedTuple):
-    """Triangles that know their neighbours.
+    """Triangles with their neighbours.
 
     Attributes
     ----------
     triangles : int32 (T, 3)
-        Indices into the points, counter-clockwise, each beginning with its lowest index; in
-        no particular order.
+        Indices into the points, counter-clockwise. Each triangle starts with its lowest
+        index; the triangles have no particular order.
     neighbours : int32 (T, 3)
         The triangle across the side opposite to corner k, or `FILL`.
     """
@@ -45,15 +45,15 @@ class Patch(NamedTuple):
 def triangulate_points(points: Points, segments: NDArray[np.integer] | None = None) -> Patch:
     """Triangulate points (N, 2); with segments (S, 2), only the area inside their loops.
 
-    Cocircular ties are broken by `geomesh.delaunay.ties`: the triangles, as a set, depend on
-    points and segments alone.
+    `geomesh.delaunay.ties` breaks cocircular ties, so the set of triangles depends only on
+    the points and the segments.
 
     Raises
     ------
     CertificateError
         If segments cross.
     """
-    # Typed Any: that arrays are buffers is known to their type from Python 3.12 on only.
+    # Any: before Python 3.12 the type of an array does not say that it is a buffer.
     engine: Any = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO,
         pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED,
@@ -77,7 +77,8 @@ def triangulate_points(points: Points, segments: NDArray[np.integer] | None = No
 
 
 def spans_area(points: Points) -> bool:
-    """Tell whether three of the points (N, 2) make a triangle; a few of them mostly do."""
+    """Return whether three of the points (N, 2) form a triangle with an area."""
+    # The first 100 points are usually enough.
     for some in (points[:100], points):
         offsets = some - points[:1]
         if len(some) > 2:
@@ -88,7 +89,10 @@ def spans_area(points: Points) -> bool:
 
 
 def _constrain(engine: Any, order: Ids, segments: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Insert segments, erase what lies outside their loops; return the keys of fixed edges."""
+    """Insert the segments and erase the triangles outside their loops.
+
+    Return the keys of the edges that are fixed.
+    """
     place = np.empty(len(order), np.uintc)
     place[order] = np.arange(len(order), dtype=np.uintc)
     try:
@@ -99,7 +103,7 @@ def _constrain(engine: Any, order: Ids, segments: NDArray[np.integer]) -> NDArra
             "geomesh: please report it with the source raster"
         ) from error
     engine.erase_outer_triangles_and_holes()
-    # A segment that runs through a point was split there: few do, or none.
+    # The engine splits a segment that goes through a point. This is rare.
     pieces = [(edge.v1, edge.v2) for edge, _ in engine.piece_to_originals_iter()]
     split = order[np.array(pieces, np.intp).reshape(-1, 2)]
     return np.unique(edge_keys(np.concatenate([segments, split])))
@@ -108,13 +112,13 @@ def _constrain(engine: Any, order: Ids, segments: NDArray[np.integer]) -> NDArra
 def _along_curve(points: Points) -> Ids:
     """Return the order of the points along a Z-order curve through 256 x 256 cells.
 
-    Neighbours on the plane then lie close in memory.
+    In this order, neighbours in the plane are also close in memory.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     scale = 255.5 / max(float((high - low).max()), 1e-300)
     col, row = ((points - low) * scale).astype(np.uint8).T
     keys = _SPREAD[col] | _SPREAD[row] << np.uint16(1)
-    return np.argsort(keys, kind="stable").astype(np.int32)  # by counting, for so few bits
+    return np.argsort(keys, kind="stable").astype(np.int32)  # 16-bit keys: a fast radix sort
 
 
 @kernel(
@@ -137,10 +141,10 @@ def _take_triangles(
     triangles: Triangles,
     neighbours: Triangles,
 ) -> int:
-    """Fill triangles and neighbours from the engine's, and return how many there are.
+    """Convert the triangles and neighbours of the engine, and return their number.
 
-    Those on the first `auxiliary` vertices are left out. The engine numbers vertices along the
-    curve; its neighbour k lies across the side from corner k to corner k + 1.
+    Triangles with one of the first `auxiliary` vertices are left out. The engine numbers the
+    vertices along the curve; its neighbour k is across the side from corner k to k + 1.
     """
     count = 0
     for t in range(len(vertices)):

@@ -1,4 +1,4 @@
-"""Points split into tiles of about equal count, as by the upper levels of a k-d tree."""
+"""Split points into tiles of about equal count, like the upper levels of a k-d tree."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ Split = tuple[Ids, NDArray[np.int64], Floats]
 
 
 def split(points: Points, most: int) -> Split:
-    """Halve the points (N, 2) by count, across the longer side, until no more than `most` are left.
+    """Split points (N, 2) in half, again and again, until no tile has more than `most` points.
+
+    Each split is across the longer side and gives two halves of equal count.
 
     Returns
     -------
     order : int32 (N,)
-        The points of one tile after the other.
+        Point numbers, tile after tile.
     stops : int64 (K,)
         Where each tile ends in `order`.
     boxes : float64 (K, 4)
-        Low x, low y, high x, high y: no point of another tile is inside. Infinite on
-        the outer sides; on the others they reach to the next tile's first point.
+        Low x, low y, high x, high y of each tile. No point of another tile is inside.
+        Outer sides are infinite; other sides reach to the first point of the next tile.
     """
     order = np.arange(len(points), dtype=np.int32)
     stops, boxes = [], []
-    # What is still to be halved, the last part first.
+    # Parts that still have to be split: a stack.
     todo = [(0, len(points), np.array([-np.inf, -np.inf, np.inf, np.inf]))]
     while todo:
         start, stop, box = todo.pop()

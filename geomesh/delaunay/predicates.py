@@ -1,7 +1,7 @@
-"""Exact predicates: whether four points lie on one circle.
+"""Exact predicates: test whether four points lie on one circle.
 
-A floating-point test decides nearly every case; what it leaves open is decided exactly.
-"Exactly" holds for all coordinates whose products up to the fourth degree neither overflow
+A floating-point test decides nearly every case; exact arithmetic decides the others. The
+result is exact for all coordinates whose products up to the fourth degree neither overflow
 nor underflow.
 """
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Floats, Mask, Points
 
-# Rounding error of the in-circle determinant, relative to the sum of its terms' magnitudes
-# (Shewchuk 1997, with the roundings of the bound itself).
+# Bound on the rounding error of the in-circle determinant, relative to the sum of the
+# magnitudes of its terms (Shewchuk 1997; the rounding of the bound itself is included).
 _UNIT = 2.0**-53
 IN_CIRCLE_ERROR = (10 + 96 * _UNIT) * _UNIT
 
-# Lattice coordinates are taken as integers up to here ...
+# Lattice coordinates below this limit are converted to integers.
 _LARGEST = 2.0**52
-# ... and a determinant of integers is known from its last 64 bits up to here.
+# The last 64 bits determine an integer determinant below this limit.
 _WORD = 2.0**62
 
 _SPLITTER = 2.0**27 + 1
 
-# Quadruples whose terms are held at a time: 384 numbers each.
+# Number of quadruples processed at a time; each has 384 terms.
 _BLOCK = 2048
 
 
@@ -39,10 +39,11 @@ _BLOCK = 2048
 def in_circle(
     ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
 ) -> tuple[float, float]:
-    """Return the in-circle determinant of a, b, c seen from d, and the sum of magnitudes.
+    """Return the in-circle determinant of a, b, c relative to d, and the sum of magnitudes.
 
-    Positive where d lies inside the circle of a counter-clockwise triangle abc; with a
-    magnitude up to `IN_CIRCLE_ERROR` times the sum, the sign is not certain.
+    The determinant is positive if d is inside the circumcircle of a counter-clockwise
+    triangle abc. Its sign is uncertain if its magnitude is at most `IN_CIRCLE_ERROR` times
+    the sum of the magnitudes of its terms.
     """
     ax, ay, bx, by, cx, cy = ax - dx, ay - dy, bx - dx, by - dy, cx - dx, cy - dy
     aa, bb, cc = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
@@ -55,9 +56,9 @@ def in_circle(
 
 
 def are_cocircular(a: Points, b: Points, c: Points, d: Points) -> Mask:
-    """Tell exactly which quadruples of points (K, 2) each lie on one circle.
+    """Return exactly which quadruples of points, (K, 2) each, lie on one circle.
 
-    Meant for the few that `in_circle` leaves open: exact sums take their time.
+    Use it only for the few quadruples that `in_circle` cannot decide: exact sums are slow.
     """
     corners = np.stack([a, b, c, d])
     on_lattice = _fits_lattice(corners)
@@ -71,7 +72,7 @@ def are_cocircular(a: Points, b: Points, c: Points, d: Points) -> Mask:
 
 
 def _fits_lattice(corners: NDArray[np.float64]) -> Mask:
-    """Tell which quadruples (4, K, 2) have integer lattice coordinates and a small determinant."""
+    """Return which quadruples (4, K, 2) are on the lattice and have a small determinant."""
     scaled = corners * LATTICE
     whole = (np.abs(scaled) < _LARGEST) & (scaled == np.floor(scaled))
     x, y = np.moveaxis(scaled[:3] - scaled[3], -1, 0)
@@ -85,10 +86,10 @@ def _fits_lattice(corners: NDArray[np.float64]) -> Mask:
 
 
 def _on_lattice(corners: NDArray[np.float64]) -> Mask:
-    """Tell which quadruples (4, K, 2) of lattice points lie on one circle.
+    """Return which quadruples (4, K, 2) of lattice points lie on one circle.
 
-    The determinant, in units of the lattice, is an integer below 2^62: it is zero if its last
-    64 bits are, and those come out right though products overflow.
+    In units of the lattice, the determinant is an integer below 2^62. It is zero if its last
+    64 bits are zero, and these bits are correct even if products overflow.
     """
     whole = (corners * LATTICE).astype(np.int64).view(np.uint64)
     x, y = np.moveaxis(whole[:3] - whole[3], -1, 0)
@@ -101,7 +102,7 @@ def _on_lattice(corners: NDArray[np.float64]) -> Mask:
 
 
 def _terms(corners: NDArray[np.float64]) -> Floats:
-    """Return terms (384, K) whose exact sum is the in-circle determinant of (4, K, 2)."""
+    """Return terms (384, K) whose exact sum is the in-circle determinant of corners (4, K, 2)."""
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = np.moveaxis(corners, -1, 1)
     lifted = (
         (1.0, ax, ay, bx, by, cx, cy, dx, dy),
@@ -115,7 +116,7 @@ def _terms(corners: NDArray[np.float64]) -> Floats:
 def _lifted_area(
     sign: float, px: Floats, py: Floats, ax: Floats, ay: Floats, *rest: Floats
 ) -> list[Floats]:
-    """Return 96 terms whose exact sum is (px^2 + py^2) times twice the area of abc, signed."""
+    """Return 96 terms whose exact sum is (px^2 + py^2) times twice the signed area of abc."""
     bx, by, cx, cy = rest
     lift = (*_product(px, px), *_product(py, py))
     pairs = ((ax, by), (-ay, bx), (bx, cy), (-by, cx), (cx, ay), (-cy, ax))
@@ -124,7 +125,7 @@ def _lifted_area(
 
 
 def _product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Two floats whose exact sum is the product (Dekker 1971)."""
+    """Return two floats whose exact sum is the product (Dekker 1971)."""
     high = a * b
     split = _SPLITTER * a
     a1 = split - (split - a)
@@ -136,10 +137,10 @@ def _product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 def _sums_to_zero(terms: Floats) -> Mask:
-    """Tell exactly which columns of floats (M, K) add up to zero; they are overwritten.
+    """Return exactly which columns of the floats (M, K) sum to zero; overwrites `terms`.
 
-    Each sweep adds a column up and keeps every rounding error in place, so the exact sum
-    stays what it is while its magnitude moves into the last row.
+    Each pass adds up the columns and stores every rounding error in place of a term. So the
+    exact sum does not change, while its magnitude moves into the last row.
     """
     zero = np.zeros(terms.shape[1], np.bool_)
     left = np.arange(terms.shape[1])
@@ -155,7 +156,7 @@ def _sums_to_zero(terms: Floats) -> Mask:
             total = high
         terms[-1] = total
         zero[left[rest == 0.0]] = total[rest == 0.0] == 0.0
-        # Also done where there is no number any more.
+        # A column that has become NaN is finished, too: comparisons with NaN are false.
         open_ = (np.abs(total) <= 1.0001 * rest) & (rest > 0.0)
         left, terms = left[open_], terms[:, open_]
     return zero

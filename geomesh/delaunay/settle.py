@@ -1,4 +1,7 @@
-"""Which triangles of a tile are settled, and what they border: the kernels of `tiled`."""
+"""Find the settled triangles of a tile, and the edges around them: kernels of `tiled`.
+
+A triangle of a tile is settled if it is certainly a triangle of the whole triangulation.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,17 @@ from geomesh.arrays.jit import boolean, float64, inner, int32, int64, kernel, re
 from geomesh.arrays.types import Floats, Ids, Mask, Points, Triangles
 from geomesh.mesh.topology import FILL
 
-# Far above what a few operations in float64 err by, relative to the sum of magnitudes.
+# Far above the rounding error of a few float64 operations, relative to the sum of magnitudes.
 _ERROR = 1e-14
 
 Groups = tuple[Ids, Ids, Ids, Ids]
 
 
 def settle(points: Points, triangles: Triangles, box: Floats) -> Mask:
-    """Tell which triangles' circumcircles lie strictly inside the box, beyond rounding."""
+    """Return which triangles have a circumcircle strictly inside the box.
+
+    True is certain: the test allows for rounding errors.
+    """
     settled = np.empty(len(triangles), np.bool_)
     _settle(points, triangles, box, settled)
     return settled
@@ -31,11 +37,11 @@ def _settle(points: Points, triangles: Triangles, box: Floats, settled: Mask) ->
         area, size = 2 * (bx * cy - by * cx), 2 * (abs(bx * cy) + abs(by * cx))
         x, y = (cy * bb - by * cc) / area, (bx * cc - cx * bb) / area
         radius = np.sqrt(x * x + y * y)
-        # With an area known to one half at least, twice the errors of numerator and divisor.
+        # The area's relative error is at most 1/2: allow twice the numerator's and divisor's.
         slack = (abs(cy) + abs(cx)) * bb + (abs(by) + abs(bx)) * cc + (abs(x) + abs(y)) * size
         slack = _ERROR * (4 * slack / abs(area) + radius + abs(ax) + abs(ay))
         reach = radius + slack
-        # Written so that no comparison with what is no number settles.
+        # Comparisons with NaN are false, so a triangle with NaN is never settled.
         settled[t] = (
             abs(area) > 2 * _ERROR * size
             and ax + x - reach > box[0]
@@ -53,18 +59,18 @@ def mark_touched(
     inside: Ids,
     settled: Mask,
 ) -> None:
-    """Clear `settled` for each triangle that a segment touches, if only in a corner.
+    """Clear `settled` for each triangle that a segment touches, even if only in a corner.
 
-    What a segment touches hangs together by edges that it touches, so it is found by
-    a flood from an end of the segment, or from where it enters the hull. In doubt,
-    an edge is touched.
+    The triangles that a segment touches are connected across edges that it also touches.
+    So a flood finds them; it starts at an end of the segment, or where the segment enters
+    the hull. If it is uncertain whether an edge is touched, it counts as touched.
 
     Parameters
     ----------
     lines : float64 (S, 4)
-        From (x, y) to (x, y).
+        Start x, start y, end x and end y of each segment.
     inside : int32 (S,)
-        One of the points that is an end of the segment, or `FILL`.
+        A point of the tile that is an end of the segment, or `FILL`.
     """
     at = np.full(len(points), FILL, np.int32)
     at[triangles] = np.arange(len(triangles), dtype=np.int32)[:, None]
@@ -129,9 +135,9 @@ def _mark_touched(
 
 @inner
 def _touches(points: Points, triangles: Triangles, t: int, k: int, lines: Floats, s: int) -> bool:
-    """Tell whether segment s and the side opposite to corner k of triangle t may meet.
+    """Return whether segment s may touch the side opposite to corner k of triangle t.
 
-    False is certain.
+    False is certain; True is not.
     """
     p, q = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
     px, py, qx, qy = points[p, 0], points[p, 1], points[q, 0], points[q, 1]
@@ -147,7 +153,7 @@ def _touches(points: Points, triangles: Triangles, t: int, k: int, lines: Floats
 
 @inner
 def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> int:
-    """On which side of the line ab the point p lies: 1, -1, or 0 if that is not certain."""
+    """Return the side of the line ab on which p lies: 1 (left), -1 (right) or 0 (uncertain)."""
     left, right = (bx - ax) * (py - ay), (by - ay) * (px - ax)
     value = left - right
     if abs(value) <= _ERROR * (abs(left) + abs(right)):
@@ -156,14 +162,18 @@ def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> i
 
 
 def gather_groups(triangles: Triangles, neighbours: Triangles, settled: Mask) -> Groups:
-    """Return the settled triangles by connected groups, and the half-edges around these.
+    """Return the settled triangles in connected groups, and the half-edges around the groups.
 
     Returns
     -------
     triangles : int32 (C, 3)
+        The settled triangles, group after group.
     starts : int32 (G + 1,)
+        Where each group starts in `triangles`, and the end of the last group.
     border : int32 (B, 2)
+        Half-edges of settled triangles without a settled triangle on the other side.
     groups : int32 (B,)
+        The group of each half-edge.
     """
     order = np.empty(int(np.count_nonzero(settled)), np.int32)
     group = np.full(len(triangles), FILL, np.int32)
@@ -182,7 +192,7 @@ def gather_groups(triangles: Triangles, neighbours: Triangles, settled: Mask) ->
 def _gather_groups(
     neighbours: Triangles, settled: Mask, order: Ids, group: Ids, starts: Ids
 ) -> int:
-    """Fill the order of the settled triangles, the group of each and where groups start."""
+    """Fill `order` with the settled triangles, `group` and `starts`; return the group count."""
     count = groups = 0
     for seed in range(len(neighbours)):
         if not settled[seed] or group[seed] != FILL:
@@ -190,7 +200,7 @@ def _gather_groups(
         group[seed] = groups
         order[count] = seed
         stop = count + 1
-        # What is listed but not yet looked at lies between `count` and `stop`.
+        # From `count` to `stop`, `order` lists triangles whose neighbours are not visited yet.
         while count < stop:
             t = order[count]
             count += 1
@@ -208,7 +218,7 @@ def _gather_groups(
 def unsettled_points(
     triangles: Triangles, neighbours: Triangles, settled: Mask, count: int
 ) -> Mask:
-    """Tell which of `count` points are not all around in settled triangles."""
+    """Return which of `count` points are not completely surrounded by settled triangles."""
     unsettled = np.ones(count, np.bool_)
     unsettled[triangles] = False
     unsettled[triangles[~settled]] = True

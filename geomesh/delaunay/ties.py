@@ -1,12 +1,11 @@
-"""Cocircular ties, broken in one way, so that a set of points has one triangulation.
+"""Break cocircular ties in one defined way, so that points have only one triangulation.
 
-Points on a common empty circle have many Delaunay triangulations; which of them
-an engine returns depends on the order of the points and on how they are split
-into tiles. Here triangles are merged across every edge whose in-circle
-determinant is exactly zero, never across a constraint, and each polygon is cut
-anew into a fan around its lowest vertex (by y, then x). The polygons follow from
-points and constraints alone, and being inscribed in circles they are strictly
-convex: any fan is valid.
+Points on a common empty circle have many Delaunay triangulations. Which of them an engine
+returns depends on the order of the points and on the tiles. This module merges triangles
+into polygons, across every edge whose in-circle determinant is exactly zero, but never
+across a constraint. Then it cuts each polygon into a fan around its lowest vertex (lowest
+y, then lowest x). The polygons depend only on points and constraints. They are inscribed
+in circles and so strictly convex: any fan is valid.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class _Sides(NamedTuple):
-    """Sides of triangles: the one of triangle `t` that lies opposite to its corner `k`."""
+    """Sides of triangles: the side of triangle `t` opposite to its corner `k`."""
 
     t: NDArray[np.intp]
     k: NDArray[np.intp]
@@ -35,17 +34,19 @@ class _Sides(NamedTuple):
 def break_ties(
     points: Points, triangles: Triangles, neighbours: Triangles, fixed: NDArray[np.int64]
 ) -> int:
-    """Cut the polygons of cocircular triangles anew, in place; return how many edges were ties.
+    """Replace groups of cocircular triangles by fans, in place; return the number of ties.
+
+    A tie is an edge whose two triangles have the same circumcircle.
 
     Parameters
     ----------
     points : float64 (N, 2)
     triangles : int32 (T, 3)
-        Counter-clockwise, Delaunay; constrained where `fixed` is.
+        Counter-clockwise, (constrained) Delaunay. Changed in place.
     neighbours : int32 (T, 3)
-        The triangle across the side opposite to corner k, or `FILL`.
+        The triangle across the side opposite to corner k, or `FILL`. Changed in place.
     fixed : int64 (F,)
-        Sorted keys (`topology.edge_keys`) of the edges that must stay.
+        Sorted keys (`topology.edge_keys`) of the constraint edges, which must not change.
     """
     near = np.zeros(len(triangles), np.uint8)
     if _mark_near_ties(points, triangles, neighbours, near) == 0:
@@ -60,9 +61,9 @@ def break_ties(
 def _mark_near_ties(
     points: Points, triangles: Triangles, neighbours: Triangles, near: NDArray[np.uint8]
 ) -> int:
-    """Set bit k where the side opposite to corner k may be a tie; return how many there are.
+    """Set bit k of `near` if the side opposite to corner k may be a tie; return their number.
 
-    Of the two triangles of an edge, the one with the lower number is marked.
+    Of the two triangles of an edge, the triangle with the lower number is marked.
     """
     found = 0
     for t in range(len(triangles)):
@@ -96,7 +97,7 @@ def _ties(
     fixed: NDArray[np.int64],
     near: NDArray[np.uint8],
 ) -> _Sides:
-    """Return the sides, each edge once, that are ties for certain and may be removed."""
+    """Return the sides that are certainly ties and not fixed, each edge once."""
     t, k = np.nonzero(near[:, None] >> np.arange(3, dtype=np.uint8) & 1)
     apex, start, end = triangles[t, k], triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
     far = triangles[neighbours[t, k]].sum(axis=1) - start - end
@@ -109,10 +110,10 @@ def _ties(
 
 
 def _cut_fans(points: Points, triangles: Triangles, neighbours: Triangles, sides: _Sides) -> None:
-    """Replace each group of triangles that share the sides by a fan around its lowest vertex.
+    """Replace each group of triangles that share the given sides by a fan.
 
-    A group of n triangles is a polygon of n + 2 sides: all of these but the two at the lowest
-    vertex make a triangle with it, which takes the place of one of the group.
+    A group of n triangles is a polygon of n + 2 sides. Each side, except the two at the
+    lowest vertex, forms a triangle with that vertex. The n new triangles replace the group.
     """
     other = neighbours[sides.t, sides.k]
     ends = _ends(triangles, sides.t, sides.k)
@@ -133,7 +134,7 @@ def _cut_fans(points: Points, triangles: Triangles, neighbours: Triangles, sides
     fan = fan[np.argsort(of[fan], kind="stable")]
     places = members[np.argsort(group, kind="stable")]
     made = np.column_stack([low[fan], u[fan], v[fan]])
-    # Each triangle begins with its lowest number.
+    # Each triangle starts with its lowest node number.
     turn = (np.arange(3) + made.argmin(axis=1)[:, None]) % 3
     triangles[places] = np.take_along_axis(made, turn, axis=1)
     _join(triangles, neighbours, places, np.column_stack([u, v]), outer)
@@ -166,14 +167,14 @@ def _join(
     border: Ids,
     outer: Ids,
 ) -> None:
-    """Set the neighbours of the new triangles at `places`, and of those around them.
+    """Set the neighbours of the new triangles at `places`, and of the triangles around them.
 
     Parameters
     ----------
     border : int32 (B, 2)
         Sides of the polygons, from node to node.
     outer : int32 (B,)
-        The triangle that lay beyond each before, or `FILL`.
+        The triangle on the outer side of each polygon side, or `FILL`.
     """
     t, k = np.repeat(places, 3), np.tile(np.arange(3), len(places))
     ends = _ends(triangles, t, k)
@@ -181,7 +182,8 @@ def _join(
     order = np.argsort(keys)
     found, place = _search(keys[order], _directed(ends[:, ::-1]))
     neighbours[t, k] = np.where(found, t[order[place]], FILL)
-    # Beyond a side without a new triangle lies what lay there before, if anything.
+    # A side without a new triangle on the other side is a polygon side: its outer
+    # neighbour stays the same.
     sides = np.flatnonzero(~found)
     order = np.argsort(_directed(border))
     _, place = _search(_directed(border)[order], keys[sides])
@@ -193,12 +195,12 @@ def _join(
 
 
 def _directed(ends: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return one int64 for a directed side (K, 2)."""
+    """Return one int64 key for each directed side (K, 2)."""
     keys: NDArray[np.int64] = (ends[:, 0].astype(np.int64) << 32) | ends[:, 1]
     return keys
 
 
 def _search(ordered: NDArray[np.int64], keys: NDArray[np.int64]) -> tuple[Mask, NDArray[np.intp]]:
-    """Return which keys are among the ordered ones, and where."""
+    """Return which keys are in the sorted array `ordered`, and where."""
     place = np.minimum(np.searchsorted(ordered, keys), len(ordered) - 1)
     return ordered[place] == keys, place

@@ -1,29 +1,30 @@
-"""Exact Delaunay triangulation by tiles: the memory of the engine is that of one tile.
+"""Exact Delaunay triangulation by tiles: the engine needs memory for one tile at a time.
 
-The points are split into tiles of equal count. A tile's own triangulation is right
-where no other point could change it: a triangle is settled if its circumcircle
-lies inside the tile's box, which holds no point of another tile, and if no
-constraint touches the triangle. Vertices of the other triangles and of the tile's
-hull form the residual set, a few points in a hundred, which is triangulated once,
-with all constraints. There, the settled triangles replace what lies in their place.
+The points are split into tiles of equal count, and each tile is triangulated by itself. A
+triangle of a tile is settled if no other point can change it: its circumcircle lies inside
+the tile's box, which contains no point of another tile, and no constraint touches the
+triangle. The vertices of all other triangles, and of the tile's hull, form the residual
+set: a few percent of the points. The residual set is triangulated once, with all
+constraints. In that triangulation, the settled triangles replace the triangles that cover
+the same area.
 
-Why the result is the triangulation T of all points, ties and constraints included:
+Why the result is the triangulation T of all points, including ties and constraints:
 
-- Settled triangles belong to T: nothing lies in their circles, so all cocircular
-  points are in the tile, and the fan of ties around the lowest is the same; where a
-  constraint cuts the circle, the triangles that it leaves alone are on the side of
-  that lowest point, still a fan around it.
-- Around a point outside the residual set all triangles are settled. So every other
-  triangle of T has its vertices in the residual set. The residual triangulation R
-  contains it: a residual point in its circle is hidden from it by the same
-  constraints as in T, because every end of a constraint, and every point on one,
-  is residual. Its fan is around the lowest of its circle in T, its own vertex, which
-  is still the lowest among fewer.
-- R and T cover the same hull. Edges between settled triangles and others are edges
-  of both. So what R has on the settled side of them covers exactly the settled
-  triangles; a flood that stops at these edges finds it.
-- No constraint touches a settled triangle: a connected group of them lies inside
-  the loops if what R has in its place does, and R is rid of all that lies outside.
+- Settled triangles belong to T. Their circles contain no point, so all cocircular points
+  are in the tile, and ties give the same fan around the lowest of them. If a constraint
+  cuts the circle, the triangles that it does not touch are on the side of that lowest
+  point, and are still a fan around it.
+- Around a point outside the residual set, all triangles are settled. So every triangle of
+  T that is not settled has its vertices in the residual set. The residual triangulation R
+  contains it: if a residual point is in its circle, the same constraints as in T hide the
+  point, because all ends of constraints, and all points on constraints, are residual. Its
+  fan in T is around the lowest point of its circle. That point is a vertex of it, so it is
+  residual, and it is also the lowest of the residual points on the circle.
+- R and T cover the same hull. Edges between settled and other triangles are edges of both.
+  So the triangles of R on the settled side of these edges cover exactly the settled
+  triangles. A flood that stops at these edges finds them.
+- No constraint touches a settled triangle. So a connected group of settled triangles is
+  inside the loops if the triangles of R in its place are, and R has no triangles outside.
 """
 
 from __future__ import annotations
@@ -49,20 +50,20 @@ if TYPE_CHECKING:
 
 
 class _Settled(NamedTuple):
-    """What one tile settles; all indices are those of all points.
+    """The settled triangles of one tile; indices refer to all points of the mesh.
 
     Attributes
     ----------
     triangles : int32 (C, 3)
-        One connected group after the other.
+        The settled triangles, connected group after connected group.
     starts : int32 (G + 1,)
-        Where each group starts in `triangles`, and the end of the last.
+        Where each group starts in `triangles`, and the end of the last group.
     border : int32 (B, 2)
-        Half-edges of settled triangles with no settled triangle across.
+        Half-edges of settled triangles without a settled triangle on the other side.
     groups : int32 (B,)
-        The group of each.
+        The group of each half-edge.
     residual : int32 (R,)
-        Points of the tile that are to be triangulated again.
+        Points of the tile that must be triangulated again.
     """
 
     triangles: Triangles
@@ -78,18 +79,19 @@ def triangulate_by_tiles(
     tile_points: int,
     executor: Executor | None = None,
 ) -> list[Triangles]:
-    """Return the triangles of `triangulate_points`, in parts and in no particular order.
+    """Return the same triangles as `triangulate_points`, in parts, in no particular order.
 
     Parameters
     ----------
     points : float64 (N, 2)
         Distinct, not all on a line.
     segments : int (S, 2), optional
-        Closed loops; what lies outside is left out.
+        Closed loops; triangles outside are left out.
     tile_points : int
-        The most points in a tile.
+        Maximum number of points in a tile.
     executor : concurrent.futures.Executor, optional
-        Of threads: each takes a tile at a time, one after the other by default.
+        Its threads process tiles in parallel. By default tiles are processed one after
+        the other.
     """
     order, stops, boxes = split(points, max(tile_points, 1))
     tiles = list(zip(np.split(order, stops[:-1]), boxes, strict=True))
@@ -141,7 +143,7 @@ def _join(
     segments: NDArray[np.integer] | None,
     found: list[_Settled],
 ) -> list[Triangles]:
-    """Triangulate the residual points and put the settled triangles in their place."""
+    """Triangulate the residual points and insert the settled triangles."""
     residual = np.sort(np.concatenate([tile.residual for tile in found]))
     chosen = None if segments is None else np.searchsorted(residual, segments)
     patch = triangulate_points(points[residual], chosen)
@@ -157,7 +159,7 @@ def _join(
         count = len(tile.starts) - 1
         known = np.bincount(tile.groups[inside], minlength=count)
         total = np.bincount(tile.groups, minlength=count)
-        # Whole groups are inside the loops, or outside.
+        # A whole group is inside the loops, or outside.
         if not ((known == total) | ((known == 0) & (segments is not None))).all():
             raise CertificateError(
                 "the tiles of the triangulation do not fit together. This is a defect of "
@@ -169,7 +171,10 @@ def _join(
 
 
 def _find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return 3 t + k for each half-edge (K, 2) opposite to corner k of triangle t, or `FILL`."""
+    """Return 3 t + k for each half-edge (K, 2), or `FILL` if there is no such half-edge.
+
+    The half-edge is opposite to corner k of triangle t.
+    """
     starts = np.roll(triangles, -1, axis=1).astype(np.int64).ravel() << 32
     keys = starts | np.roll(triangles, -2, axis=1).ravel()
     wanted = (pairs[:, 0].astype(np.int64) << 32) | pairs[:, 1]
@@ -184,7 +189,10 @@ def _find_half_edges(triangles: Triangles, pairs: NDArray[np.int32]) -> NDArray[
 
 
 def _flood(neighbours: Triangles, places: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mark the triangles with the half-edges `places`, and all that they reach over other ones."""
+    """Mark the triangles of the half-edges `places`, and all triangles connected to them.
+
+    The flood does not cross the half-edges `places`.
+    """
     begun, closed = places[places != FILL] // 3, np.zeros(neighbours.size, np.bool_)
     closed[places[places != FILL]] = True
     reached = np.zeros(len(neighbours), np.bool_)
@@ -204,7 +212,7 @@ def _spread(
     stack: NDArray[np.int32],
     depth: int,
 ) -> None:
-    """Mark what the first `depth` triangles of the stack reach over sides that are not closed."""
+    """Flood from the first `depth` triangles of the stack, across sides that are not closed."""
     while depth > 0:
         depth -= 1
         t = stack[depth]

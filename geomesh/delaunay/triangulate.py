@@ -1,4 +1,4 @@
-"""Stage 4: Delaunay and constrained Delaunay triangulation, whole or by tiles."""
+"""Stage 4: Delaunay and constrained Delaunay triangulation, at once or by tiles."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Triangles
 
-# Above so many points the engine gets them tile by tile, and its memory stays that of
-# a tile. The result is the same.
+# Larger sets of points are triangulated tile by tile, so that the engine needs memory for
+# one tile only. The result is the same.
 TILED_ABOVE = 20_000_000
 TILE_POINTS = 1_000_000
 
@@ -28,10 +28,10 @@ class Triangulation(NamedTuple):
     Attributes
     ----------
     triangles : int32 (T, 3)
-        Indices into the points, counter-clockwise in (x, y); each triangle begins
-        with its lowest index, and rows are in lexicographic order.
+        Indices into the points, counter-clockwise in (x, y). Each triangle starts with
+        its lowest index, and rows are in lexicographic order.
     used : intp (M,)
-        Indices of the points that occur in a triangle.
+        Indices of the points that are in a triangle.
     """
 
     triangles: Triangles
@@ -39,22 +39,23 @@ class Triangulation(NamedTuple):
 
 
 def delaunay(points: NDArray[np.float64], *, executor: Executor | None = None) -> Triangulation:
-    """Return the Delaunay triangulation of the points' convex hull.
+    """Return the Delaunay triangulation of the convex hull of the points.
 
-    Points on a common empty circle are joined to the lowest of them, by y, then x:
-    there is one triangulation.
+    The result is unique: points on a common empty circle are joined to the lowest of them
+    (lowest y, then lowest x).
 
     Parameters
     ----------
     points : float64 (N, 2)
         Distinct.
     executor : concurrent.futures.Executor, optional
-        Of threads, for the tiles of large sets; one after the other by default.
+        Its threads process the tiles of large sets in parallel. By default tiles are
+        processed one after the other.
 
     Returns
     -------
     Triangulation
-        Without triangles if there are fewer than three points or all lie on a line.
+        Without triangles if there are fewer than three points or all are on a line.
     """
     if not spans_area(points):
         return Triangulation(np.empty((0, 3), np.int32), np.empty(0, np.intp))
@@ -69,17 +70,19 @@ def constrained_delaunay(
 ) -> Triangulation:
     """Return the constrained Delaunay triangulation of the area inside closed loops.
 
-    What lies outside, or in a hole, is removed by the number of segments between
-    it and infinity, so loops may nest. Ties are broken as by `delaunay`.
+    Triangles outside the loops, or in a hole, are removed. A triangle is inside if the
+    number of segments between it and infinity is odd, so loops can be nested. Ties are
+    broken as in `delaunay`.
 
     Parameters
     ----------
     points : float64 (N, 2)
         Distinct.
     segments : int (S, 2)
-        Pairs of points; together closed loops that do not cross.
+        Pairs of points that together form closed loops; they must not cross.
     executor : concurrent.futures.Executor, optional
-        Of threads, for the tiles of large sets; one after the other by default.
+        Its threads process the tiles of large sets in parallel. By default tiles are
+        processed one after the other.
 
     Raises
     ------
@@ -104,10 +107,10 @@ def _triangulate(
 
 
 def _in_order(parts: list[Triangles], count: int) -> Triangulation:
-    """Join triangles over `count` points, each beginning with its lowest index, in row order.
+    """Join the parts and sort the triangles, which start with their lowest index, by rows.
 
-    No two triangles of one lowest index have the same second one. `parts` is emptied on the
-    way: for tens of millions of points memory counts.
+    The first two indices define the order: no two triangles share both. `parts` is emptied
+    to save memory, which matters for tens of millions of points.
     """
     triangles = np.concatenate(parts)
     parts.clear()

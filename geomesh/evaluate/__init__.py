@@ -1,4 +1,4 @@
-"""The presets compared with other ways to choose nodes, as in the paper's Table 1."""
+"""Compare the presets with other ways to choose nodes, as in the paper's Table 1."""
 
 import lazy_loader
 

@@ -1,11 +1,11 @@
 """Baselines: other ways to choose the nodes of a mesh, to compare the presets with.
 
-Each is a pure function of an 8-bit gray image that places so many nodes on its valid
-pixels. None knows of a mesh: the Delaunay triangulation of their convex hull follows, as
-it does for the keypoints of the published system.
+Each baseline is a pure function that places a given number of nodes on the valid pixels of
+an 8-bit gray image. It does not make a mesh: later, the Delaunay triangulation of the
+convex hull of its nodes is made, as for the keypoints of the published system.
 
-Where an image does not have so many places (edge pixels, corners, pixels at all), there
-are fewer nodes; whoever compares has to tell the number.
+If an image does not have enough edge pixels, corners or valid pixels, a baseline returns
+fewer nodes; a comparison has to report the number.
 """
 
 from __future__ import annotations
@@ -30,42 +30,44 @@ Baseline = Callable[[Gray, Mask, int], Points]
 
 GREEDY = "greedy insertion"
 
-# Fixed seed: the same draws in every run.
+# Fixed seed: every run draws the same pixels.
 _SEED = 0
 
-# The strongest corners, however weak, no closer to each other than feature nodes are.
+# A low quality limit, so that weak corners count too; and the minimum distance of feature nodes.
 _CORNER_QUALITY = 1e-6
 _CORNER_DISTANCE = 2.0
 
-# Steps to the density of error diffusion that gives so many nodes.
+# Maximum number of bisection steps to find the density of error diffusion.
 _STEPS = 40
 
 
 def regular_grid(gray: Gray, valid: Mask, n: int) -> Points:  # noqa: ARG001
-    """Place nodes on equally spaced rows, from the first to the last with valid pixels.
+    """Place nodes on equally spaced rows, from the first to the last row with valid pixels.
 
-    In each row they are equally spaced along its valid pixels, from end to end; how many
-    follows from the number of these pixels, so the spacing is the same in both directions.
+    In each row, nodes are equally spaced along its valid pixels, from end to end. Their
+    number is proportional to the number of valid pixels, so that the spacing is the same in
+    both directions.
 
     Parameters
     ----------
     gray : uint8 (H, W)
-        Read by those baselines that look at the image.
+        The image; some baselines do not use it.
     valid : bool (H, W)
-        Where nodes may lie.
+        Pixels on which nodes can be placed.
     n : int
-        Nodes wanted.
+        Number of nodes to place.
 
     Returns
     -------
     float64 (N, 2)
-        Distinct pixel-edge coordinates; every baseline takes and returns the same.
+        Distinct pixel-edge coordinates. All baselines have the same parameters and result.
     """
     filled = np.flatnonzero(valid.any(axis=1))
     if not len(filled):
         return np.empty((0, 2))
     height = filled[-1] - filled[0] + 1
-    # As many rows as keep the spacing in a row, at its mean width, the same as between rows.
+    # Choose the number of rows so that, in a row of mean width, the spacing of the nodes is
+    # equal to the spacing of the rows.
     lines = round(height * np.sqrt(n / np.count_nonzero(valid)))
     y = np.linspace(filled[0], filled[-1], min(max(lines, 2), height)) + 0.5
     rows = [np.flatnonzero(valid[row]) for row in y.astype(int)]
@@ -79,7 +81,7 @@ def regular_grid(gray: Gray, valid: Mask, n: int) -> Points:  # noqa: ARG001
 
 
 def _along(columns: NDArray[np.intp], count: int) -> NDArray[np.float64]:
-    """Return `count` equally spaced places along pixels in `columns`, gaps left out."""
+    """Return `count` equally spaced x coordinates along the pixels `columns`, without gaps."""
     last = len(columns) - 1
     places = 0.5 + (np.linspace(0, last, count) if count > 1 else np.full(count, last / 2))
     pixel = places.astype(int)
@@ -88,21 +90,21 @@ def _along(columns: NDArray[np.intp], count: int) -> NDArray[np.float64]:
 
 
 def random_pixels(gray: Gray, valid: Mask, n: int) -> Points:  # noqa: ARG001
-    """Place nodes on valid pixels drawn by lot, each at most once."""
+    """Place nodes on randomly drawn valid pixels, without replacement."""
     return _draw(valid, n)
 
 
 def canny_pixels(gray: Gray, valid: Mask, n: int) -> Points:
-    """Place nodes on pixels of Canny edges drawn by lot: uniform sampling of the edges.
+    """Place nodes on randomly drawn pixels of Canny edges: uniform sampling of the edges.
 
-    The thresholds are those that the `features` preset takes.
+    The thresholds are those of the `features` preset.
     """
     thresholds = canny_thresholds(ArrayGray.whole(gray, valid), Recipe())
     return _draw(canny_edges(gray, thresholds, valid) & valid, n)
 
 
 def shi_tomasi(gray: Gray, valid: Mask, n: int) -> Points:
-    """Place nodes on the strongest corners, two pixels apart (Shi and Tomasi 1994)."""
+    """Place nodes on the strongest corners, at least 2 pixels apart (Shi and Tomasi 1994)."""
     corners = cv2.goodFeaturesToTrack(
         gray, n, _CORNER_QUALITY, _CORNER_DISTANCE, mask=valid.view(np.uint8)
     )
@@ -114,11 +116,11 @@ def shi_tomasi(gray: Gray, valid: Mask, n: int) -> Points:
 def yang_error_diffusion(gray: Gray, valid: Mask, n: int) -> Points:
     """Place nodes by error diffusion of the second derivative (Yang et al. 2003).
 
-    The feature map is the greatest second directional derivative (the larger eigenvalue of
-    the Hessian, by magnitude) of the image smoothed by a Gaussian of 1 pixel. Floyd and
-    Steinberg's error diffusion, rows in alternating directions, turns it into nodes as
-    dense as the map is high. The density that gives `n` nodes is found by bisection;
-    of a few too many, those where the map is lowest go.
+    The feature map is the largest second directional derivative (the larger eigenvalue of
+    the Hessian, by magnitude) of the image, smoothed by a Gaussian of 1 pixel. Floyd-Steinberg
+    error diffusion, with rows in alternating directions, places nodes with a density
+    proportional to the map. Bisection finds the density that gives `n` nodes. If there are
+    a few nodes too many, the nodes with the lowest values of the map are removed.
     """
     density = _second_derivative(gray) * valid
     if not density.any():
@@ -150,9 +152,9 @@ def _second_derivative(gray: Gray) -> NDArray[np.float64]:
 
 
 def _diffuse(density: Floats) -> Mask:
-    """Return where error diffusion of a density (H, W), in nodes a pixel, places a node.
+    """Return where error diffusion of a density (H, W), in nodes per pixel, places a node.
 
-    Where there is no density there is no node; the error goes on across it.
+    Pixels without density get no node, but pass the error on.
     """
     placed = np.zeros(density.shape, np.bool_)
     _diffuse_errors(np.ascontiguousarray(density), density.copy(), placed)
@@ -182,21 +184,22 @@ def _diffuse_errors(density: Floats, due: Floats, placed: Mask) -> None:
 
 
 def greedy_insertion(gray: Gray, valid: Mask, n: int) -> Points:
-    """Place nodes one by one where the mesh so far errs most (Garland and Heckbert 1995).
+    """Place nodes one by one where the current mesh errs most (Garland and Heckbert 1995).
 
-    By pydelatin. It begins with the corners of the image and knows of no mask: nodes on
-    pixels that are not valid, which were filled with their nearest data, are left out.
+    pydelatin does this. It starts with the corners of the image and does not support a mask.
+    Pixels that are not valid were filled with the nearest valid values; nodes on them are
+    removed.
     """
     from pydelatin import Delatin
 
     height, width = gray.shape
     if min(height, width) < 2:
         return np.empty((0, 2))
-    # Its y axis points up.
+    # In pydelatin the y axis points up.
     heights = np.ascontiguousarray(gray[::-1], dtype=np.float32)
     limit = n
     while True:
-        # In the order of insertion, so that more of them begin with the same ones.
+        # Vertices are in order of insertion, so a larger set starts with the same vertices.
         x, y, _ = Delatin(heights, max_error=0.0, max_points=limit).vertices.T.astype(int)
         kept = np.flatnonzero(valid[y, x])[:n]
         if len(kept) == n or len(x) < limit:
@@ -205,10 +208,13 @@ def greedy_insertion(gray: Gray, valid: Mask, n: int) -> Points:
 
 
 def _draw(mask: Mask, n: int) -> Points:
-    """Return the centres of `n` pixels of a mask, or of all if there are fewer, in their order."""
+    """Return the centres of `n` random pixels of a mask, or of all if there are fewer.
+
+    They are in the order of the pixels.
+    """
     pixels = np.flatnonzero(mask)
-    lots = np.random.default_rng(_SEED)
-    chosen = lots.choice(pixels, min(n, len(pixels)), replace=False, shuffle=False)
+    rng = np.random.default_rng(_SEED)
+    chosen = rng.choice(pixels, min(n, len(pixels)), replace=False, shuffle=False)
     row, col = np.divmod(np.sort(chosen), mask.shape[1])
     return _centres(row, col)
 
@@ -219,7 +225,7 @@ def _centres(row: NDArray[np.integer], col: NDArray[np.integer]) -> Points:
 
 
 def baselines() -> Mapping[str, Baseline]:
-    """Return the baselines under their names; greedy insertion where pydelatin is installed."""
+    """Return the baselines by name; greedy insertion only if pydelatin is installed."""
     known: dict[str, Baseline] = {
         "regular grid": regular_grid,
         "random": random_pixels,
@@ -231,7 +237,7 @@ def baselines() -> Mapping[str, Baseline]:
 
 
 def has_pydelatin() -> bool:
-    """Tell whether greedy insertion can be had."""
+    """Return whether pydelatin, which greedy insertion needs, is installed."""
     try:
         import pydelatin  # noqa: F401
     except ImportError:

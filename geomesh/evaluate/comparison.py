@@ -1,7 +1,7 @@
-"""Comparison: figures of several methods on several images, their averages, and a table of them.
+"""Comparison: the figures of several methods on several images, their averages, and tables.
 
-As in the paper, averages over images are those of each image's figures, not of all triangles
-together; the median of the images stands beside the mean.
+As in the paper, averages are taken over the figures of the images, not over all triangles
+together. Each average has a mean and a median.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What is measured of one mesh: lengths in pixels of the plane, NaN where there is nothing.
+    """The measures of one mesh; lengths are in pixels of the plane, unknown values are NaN.
 
     Parameters
     ----------
     nodes, triangles : float
-        Of the mesh.
+        Number of nodes and of triangles of the mesh.
     ab, bc, ca : float
-        Mean sides of the triangles: AB the shortest of each, BC the longest.
+        Mean sides of the triangles. AB is the shortest side of a triangle, BC the longest.
     ki, ki_mean, ki_min : float
-        Mean over triangles of Ki with AB the shortest side (the greatest of the three
-        labellings), of the mean of the labellings, and of Ki with AB the longest side.
+        Means over the triangles: of Ki with AB as the shortest side (the maximum of the three
+        labellings), of the mean of the labellings, and of Ki with AB as the longest side.
     ki_median : float
         Median over triangles of `ki`.
     ki_of_sides : float
@@ -44,20 +44,22 @@ class Figures:
     ki_normalised : float
         ki / sqrt(area of the plane / nodes), without unit.
     angle_mean, angle_median, angle_p5 : float
-        Of the triangles' smallest angles, in degrees; p5 is the 5th percentile.
+        Of the smallest angles of the triangles, in degrees; p5 is the 5th percentile.
     angle_under_10 : float
-        TileMesh of triangles whose smallest angle is under 10 degrees.
+        Share of the triangles whose smallest angle is less than 10 degrees.
     covered : float
-        TileMesh of the valid pixels that lie in a triangle: those that PSNR is counted over,
-        but for `psnr_whole`.
+        Share of the valid pixels that are in a triangle. PSNR is measured on these pixels,
+        except `psnr_whole`.
     psnr_linear_sampled, psnr_linear_least_squares : float
-        PSNR in dB of the surface that is linear in each triangle, its values at the nodes
-        taken from the image, or chosen so that the pixels err least.
+        PSNR in dB of the surface that is linear in each triangle. Its node values are taken
+        from the image, or minimise the squared errors of the pixels.
     psnr_constant_sampled, psnr_constant_least_squares : float
-        PSNR in dB of one value a triangle: that at its centroid, or the mean of its pixels.
+        PSNR in dB of one value per triangle: the value at its centroid, or the mean of its
+        pixels.
     psnr_whole : float
-        As `psnr_linear_least_squares`, but over all valid pixels, the corners of the plane
-        added to the nodes where the mesh leaves pixels out: the figure to compare methods by.
+        Like `psnr_linear_least_squares`, but on all valid pixels: if the mesh does not cover
+        all of them, the corners of the plane are added to the nodes. Use this figure to
+        compare methods.
     """
 
     nodes: float
@@ -93,14 +95,14 @@ class Record:
     Parameters
     ----------
     image : str
-        The source, as it was named.
+        The source, as the user named it.
     plane : str
-        "256x256", or "native".
+        "256x256" or "native".
     method : str
     width, height : int
-        Of the plane, in pixels.
+        Size of the plane, in pixels.
     wanted : int
-        Nodes that the method was asked for.
+        Number of nodes that the method had to place.
     figures : Figures
     """
 
@@ -115,13 +117,13 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Average:
-    """One method in one plane, over the images on which it gave a mesh.
+    """The averages of one method in one plane, over the images for which it has a mesh.
 
     Parameters
     ----------
     plane, method : str
     images : int
-        How many they are.
+        Number of these images.
     mean, median : Figures
         Of the figures of each image.
     """
@@ -135,15 +137,15 @@ class Average:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What could not be evaluated.
+    """An image, or a plane of it, that could not be evaluated.
 
     Parameters
     ----------
     image : str
     plane : str
-        Empty for the whole image.
+        Empty if the whole image failed.
     error : str
-        Why not, in one line.
+        The reason, in one line.
     code : str
         The kind of error: see `geomesh.errors`.
     """
@@ -161,7 +163,7 @@ class Comparison:
     Parameters
     ----------
     records : tuple of Record
-        Image by image, in the order in which they were named.
+        In the order in which the user named the images.
     failures : tuple of Failure
     """
 
@@ -176,7 +178,7 @@ class Comparison:
 
     @property
     def images(self) -> tuple[str, ...]:
-        """The images of which there are records, in order."""
+        """The images that have records, in order."""
         return tuple(dict.fromkeys(record.image for record in self.records))
 
     @property
@@ -188,7 +190,7 @@ class Comparison:
         return {plane: tuple(methods) for plane, methods in planes.items()}
 
     def of(self, plane: str, method: str) -> tuple[Record, ...]:
-        """Return the records of a method in a plane, in order of the images."""
+        """Return the records of a method in a plane, in the order of the images."""
         return tuple(r for r in self.records if (r.plane, r.method) == (plane, method))
 
     def overall(self) -> tuple[Average, ...]:
@@ -200,7 +202,7 @@ class Comparison:
         )
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield the rows of the table: images, then mean and median, then what failed.
+        """Yield the rows of the table: first images, then means and medians, then failures.
 
         docs/evaluate.md lists the columns.
         """
@@ -220,14 +222,14 @@ class Comparison:
             yield {"row": "failed", **about}
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return the records as a DataFrame, one row an image, plane and method."""
+        """Return the records as a DataFrame, with one row per image, plane and method."""
         import pandas as pd
 
         rows = [row for row in self.rows() if row["row"] == "image"]
         return pd.DataFrame(rows, columns=list(COLUMNS[1:-1]))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain JSON values; figures that are not finite are None."""
+        """Return all rows as plain JSON values; figures that are not finite become None."""
         rows: dict[str, list[dict[str, Any]]] = {
             "image": [],
             "mean": [],
@@ -241,12 +243,12 @@ class Comparison:
         return {"results": rows.pop("image"), **rows, "failures": failed, "failed": len(failed)}
 
     def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write all `rows` as CSV, whole or not at all; what is not known is left empty.
+        """Write all `rows` as CSV, atomically; unknown values are empty cells.
 
         Raises
         ------
         OutputError
-            If the file exists and is not to be replaced, or cannot be written.
+            If the file exists (unless `overwrite`) or cannot be written.
         """
         check_place(Path(path), overwrite=overwrite)
         with (
@@ -283,7 +285,7 @@ def _named(values: np.ndarray[Any, Any]) -> Figures:
 
 
 def _cell(value: Any) -> Any:
-    """Return what a spreadsheet reads as it was meant: whole numbers without a point."""
+    """Return a value for a spreadsheet: NaN as an empty cell, integers without a point."""
     if not isinstance(value, float):
         return value
     if math.isnan(value):

@@ -1,4 +1,4 @@
-"""The figure of a comparison: how the figures of the images are distributed, method by method."""
+"""Draw a comparison: the distribution of the measures over the images, for each method."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _PLANES = {
 _PRESETS = ("paper", "features")
 _REFERENCE = "random"
 
-# Of more images than this the points would hide the boxes.
+# With more images than this, the points would hide the boxes.
 _MOST_POINTS = 40
 
 _INK = "#222222"
@@ -42,12 +42,12 @@ _WIDTH = 7.2  # inches: both columns of a page
 
 
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Draw a row of panels for each plane: Ki without its unit, smallest angle, PSNR.
+    """Draw a row of panels for each plane: normalised Ki, smallest angle and PSNR.
 
-    A box holds the middle half of the images, with a line at their median; whiskers reach
-    to the 5th and the 95th percentile. Up to 40 images are drawn as points, too. PSNR is
-    the difference to random nodes on the same image, since images differ by far more than
-    methods do. A plane without figures is left out.
+    A box contains the middle half of the images and has a line at the median. Whiskers reach
+    to the 5th and the 95th percentile. Up to 40 images are also drawn as points. PSNR is the
+    difference to random nodes on the same image, because images differ much more than
+    methods. A plane without figures is not drawn.
     """
     filled = {average.plane for average in comparison.overall() if average.images}
     planes = {plane: methods for plane, methods in comparison.methods.items() if plane in filled}
@@ -71,7 +71,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 
 def _measures(comparison: Comparison, plane: str, method: str) -> dict[str, Values]:
-    """Return what is drawn of a method: a value for each image."""
+    """Return the values to draw for a method: one for each image and panel."""
     reference = {r.image: r.figures.psnr_whole for r in comparison.of(plane, _REFERENCE)}
     records = comparison.of(plane, method)
     gains = [r.figures.psnr_whole - reference.get(r.image, np.nan) for r in records]
@@ -110,7 +110,7 @@ def _draw_panel(ax: Axes, methods: tuple[str, ...], columns: list[Values]) -> No
                 **style,
             )
         if len(values) <= _MOST_POINTS:
-            spread = 0.18 * np.sin(2.4 * np.arange(len(values)))  # so that equal ones show
+            spread = 0.18 * np.sin(2.4 * np.arange(len(values)))  # so that equal points differ
             size = 2.2 if len(values) > 1 else 4
             ax.plot(values, place + spread, "o", ms=size, mfc=color, mec="white", mew=0.3, zorder=3)
     ax.set_yticks(range(len(methods)), methods)

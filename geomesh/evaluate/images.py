@@ -1,4 +1,4 @@
-"""Which images: files, folders and patterns of names become a list of rasters, each once."""
+"""Find the images to evaluate: expand files, folders and patterns to a list of rasters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from geomesh.errors import GeomeshWarning, SourceError, one_line
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-# What is looked for in a folder. Any other raster that GDAL opens can be named itself.
+# Extensions of rasters in a folder. A file with another extension can be named directly.
 EXTENSIONS = (
     *(".tif", ".tiff", ".jp2", ".vrt", ".img", ".png", ".jpg", ".jpeg", ".webp", ".bmp"),
     *(".gif", ".asc", ".dem", ".hgt", ".bil", ".ntf"),
@@ -28,19 +28,19 @@ def find_images(sources: Iterable[str | PathLike[str]]) -> list[str]:
     Parameters
     ----------
     sources : iterable of str or PathLike
-        A folder stands for the rasters directly in it, by the extensions of `EXTENSIONS`
-        and in order of name; a pattern such as ``scenes/**/*.tif`` for what matches it;
-        anything else for itself, be it a file, a URL or another name that GDAL knows.
+        A folder means the rasters directly in it that have one of `EXTENSIONS`, sorted by
+        name. A pattern such as ``scenes/**/*.tif`` means the files that match it. Everything
+        else is used as it is: a file, a URL or another name that GDAL can open.
 
     Raises
     ------
     SourceError
-        If a folder holds no raster, nothing matches a pattern, or there are no sources.
+        If a folder has no raster, no file matches a pattern, or there are no sources.
 
     Warns
     -----
     GeomeshWarning
-        If a file was named more than once, by whatever path.
+        If a file was named more than once, even by different paths.
     """
     found: dict[object, str] = {}
     twice: dict[object, str] = {}
@@ -56,9 +56,7 @@ def find_images(sources: Iterable[str | PathLike[str]]) -> list[str]:
     if twice:
         names = list(twice.values())
         shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-        warnings.warn(
-            f"named more than once, and counted once: {shown}", GeomeshWarning, stacklevel=2
-        )
+        warnings.warn(f"named more than once, but used once: {shown}", GeomeshWarning, stacklevel=2)
     return list(found.values())
 
 
@@ -85,16 +83,16 @@ def _rasters_in(folder: str) -> list[str]:
     paths = [path for path in paths if os.path.isfile(path)]  # noqa: PTH113
     if not paths:
         raise SourceError(
-            f"the folder {folder} holds no images ({', '.join(EXTENSIONS)}); name a folder that "
-            "does, or a pattern such as 'scenes/**/*.tif'"
+            f"the folder {folder} has no images ({', '.join(EXTENSIONS)}); name a folder with "
+            "images, or a pattern such as 'scenes/**/*.tif'"
         )
     return paths
 
 
 def _identity(path: str) -> object:
-    """Return what is equal for two paths of one file."""
+    """Return a key that is equal for two paths of the same file."""
     try:
         status = os.stat(path)  # noqa: PTH116
-    except (OSError, ValueError):  # a URL, or nothing
+    except (OSError, ValueError):  # a URL, or a file that does not exist
         return path
     return status.st_dev, status.st_ino

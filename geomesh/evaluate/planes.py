@@ -1,11 +1,13 @@
 """Planes: the gray images on which methods are compared, and the mesh of each method there.
 
-In each plane all methods get the same gray image and the same number of nodes:
+In each plane, all methods get the same gray image and the same number of nodes:
 
-- "256x256", the plane of the `paper` preset: as many nodes as that preset finds there;
-- "native", the plane of the `features` preset: as many nodes as that one finds, at the
-  image's own resolution. Of an image of more than 2048 pixels a side it is the middle,
-  1024 x 1024 pixels, as in `geomesh stages`: so the work is bounded.
+- "256x256" is the plane of the `paper` preset. The number of nodes is the number that this
+  preset finds there.
+- "native" is the plane of the `features` preset, at the resolution of the image. The number
+  of nodes is the number that this preset finds. To limit the work, only the middle of an
+  image with a side of more than 2048 pixels is used: 1024 x 1024 pixels, as in
+  `geomesh stages`.
 """
 
 from __future__ import annotations
@@ -50,9 +52,9 @@ class Plane:
     gray : uint8 (H, W)
     valid : bool (H, W)
     wanted : int
-        Nodes that each method is asked for.
+        Number of nodes that each method has to place.
     presets : mapping of str to (points, triangles)
-        In pixel-edge coordinates of the plane.
+        The meshes of the presets, in pixel-edge coordinates of the plane.
     """
 
     gray: Gray
@@ -61,7 +63,7 @@ class Plane:
     presets: Mapping[str, PlaneMesh]
 
     def meshes(self) -> Iterator[tuple[str, PlaneMesh]]:
-        """Yield the mesh of each method: that of a baseline covers the hull of its nodes."""
+        """Yield the mesh of each method; the mesh of a baseline covers the hull of its nodes."""
         yield from self.presets.items()
         for method, place in baselines().items() if self.wanted else ():
             points = place(self.gray, self.valid, self.wanted)
@@ -70,11 +72,11 @@ class Plane:
 
 
 def paper_plane(scene: Scene, workers: Workers) -> Plane:
-    """Return the gray image at 256 x 256 pixels, with the mesh of the `paper` preset.
+    """Return the gray image at 256 x 256 pixels, with the meshes of both presets.
 
-    The `features` preset gets the same gray image, and as many nodes. Where the `paper`
-    preset finds no keypoints that span an area, there is no number of nodes to compare at,
-    and nothing but its empty mesh.
+    The `features` preset gets the same gray image and the number of nodes that the `paper`
+    preset finds. If the keypoints of the `paper` preset span no area, there is no number of
+    nodes for a comparison; then the plane has only an empty mesh of that preset.
     """
     recipe = Recipe.from_preset(PAPER)
     assert recipe.resize is not None
@@ -82,7 +84,7 @@ def paper_plane(scene: Scene, workers: Workers) -> Plane:
     plain, _ = shrink(SceneGray(scene, tone, sobel=False), recipe.resize, workers, silent)
     detection = detect_keypoints(SceneGray(scene, tone, recipe.sobel), recipe, workers, silent)
     nodes, published = _mesh(detection, scene.grid, recipe, workers)
-    if nodes.domain.kind != recipe.domain:  # the frame, for want of keypoints
+    if nodes.domain.kind != recipe.domain:  # the frame, because the keypoints span no area
         nothing = np.empty((0, 2)), np.empty((0, 3), np.int32)
         return Plane(plain.gray, plain.valid, 0, {PAPER: nothing})
     wanted = len(nodes.points)
@@ -94,7 +96,7 @@ def paper_plane(scene: Scene, workers: Workers) -> Plane:
 
 
 def native_plane(scene: Scene, workers: Workers) -> Plane:
-    """Return the gray image at its own resolution, with the mesh of the `features` preset."""
+    """Return the gray image at full resolution, with the mesh of the `features` preset."""
     recipe = Recipe.from_preset(FEATURES)
     scene = middle(scene)
     image = SceneGray(scene, scene_tone(scene, recipe, workers, silent), recipe.sobel)
@@ -108,7 +110,7 @@ def native_plane(scene: Scene, workers: Workers) -> Plane:
 def _mesh(
     detection: Detection, grid: Grid, recipe: Recipe, workers: Workers
 ) -> tuple[NodeSet, PlaneMesh]:
-    """Return the mesh as the pipeline makes it, and its shape in the plane."""
+    """Return the nodes as in the pipeline, and the mesh in coordinates of the plane."""
     chosen = place_nodes(detection, grid, recipe)
     nodes, triangles = triangulate_nodes(chosen, grid, detection.size, workers.local)
     width, height = detection.size

@@ -1,4 +1,4 @@
-"""Evaluate: the paper's Table 1 on any images, for the presets and for baselines beside them."""
+"""Evaluate presets and baselines on any images, as in the paper's Table 1."""
 
 from __future__ import annotations
 
@@ -48,21 +48,21 @@ def evaluate(
     sources : path, or iterable of paths
         Files, folders and patterns: see `geomesh.evaluate.images.find_images`.
     bidx : sequence of int, optional
-        1-based bands to use; all but alpha by default.
+        1-based bands to use; by default all except alpha.
     nodata : float, optional
-        Takes the place of the files' own nodata values.
+        Replaces the nodata values of the files.
     workers : int, optional
-        Images to work on at a time; one a core by default. The figures are the same to
-        the last bit whatever their number.
+        Number of images to process at the same time; by default one per core. The figures
+        are the same to the last bit for any number of workers.
     executor : concurrent.futures.Executor, optional
-        Takes the place of geomesh's own threads.
+        Used instead of geomesh's own threads.
     progress : bool or callable(fraction, message)
-        True shows a progress bar; a callable may raise to cancel.
+        True shows a progress bar; a callable may raise an exception to cancel.
 
     Returns
     -------
     Comparison
-        An image that fails is among its failures, and does not keep the others.
+        An image that fails is in `failures`; the other images are evaluated anyway.
 
     Raises
     ------
@@ -93,13 +93,14 @@ def evaluate(
         tuple(failure for part in parts for failure in part.failures),
     )
     for (image, plane), methods in _without_mesh(comparison).items():
-        why = f"no nodes that span an area in the plane {plane}: no figures of {', '.join(methods)}"
-        warnings.warn(f"{image}: {why}", GeomeshWarning, stacklevel=2)
+        why = f"no nodes that span an area in the plane {plane}"
+        missing = f"no figures of {', '.join(methods)}"
+        warnings.warn(f"{image}: {why}, so {missing}", GeomeshWarning, stacklevel=2)
     return comparison
 
 
 def _without_mesh(comparison: Comparison) -> dict[tuple[str, str], list[str]]:
-    """Return the methods that gave no triangle, by image and plane."""
+    """Return the methods without any triangle, by image and plane."""
     found: dict[tuple[str, str], list[str]] = {}
     for record in comparison.records:
         if not record.figures.triangles:
@@ -109,7 +110,7 @@ def _without_mesh(comparison: Comparison) -> dict[tuple[str, str], list[str]]:
 
 @dataclass(frozen=True)
 class _EvaluateImage:
-    """Evaluates one image; what goes wrong is part of the result, so that others go on."""
+    """Evaluate one image; errors are part of the result, so that other images continue."""
 
     bidx: Sequence[int] | None
     nodata: float | None
@@ -119,14 +120,14 @@ class _EvaluateImage:
         failures: list[Failure] = []
         try:
             scene = open_scene(image, bidx=self.bidx, nodata=self.nodata)
-            # Threads of its own: a worker that waits for tasks of its own pool waits forever.
+            # Own threads: a worker that waits for tasks in its own pool could wait forever.
             with open_workers(1) as workers, scene.open():
                 for name, find_plane in PLANES.items():
                     try:
                         records += _records(image, name, find_plane(scene, workers), workers)
                     except GeomeshError as error:
                         failures.append(_failure(image, name, error))
-        except Exception as error:  # of 200 images one may be what nobody thought of
+        except Exception as error:  # an unexpected error in one image must not stop the others
             failures.append(_failure(image, "", error))
         return Comparison(tuple(records), tuple(failures))
 
@@ -175,7 +176,7 @@ def measure_figures(plane: Plane, mesh: PlaneMesh, workers: Workers) -> Figures:
 
 
 def _fidelity(plane: Plane, mesh: PlaneMesh, workers: Workers) -> dict[str, float]:
-    """Return the share of valid pixels in a triangle, PSNR over these, and over all of them."""
+    """Return the share of valid pixels in triangles, and PSNR of these and of all pixels."""
     scene = open_scene((np.ma.array(plane.gray, mask=~plane.valid), None, None))
     figures = {}
     for model in MODELS:
@@ -192,17 +193,17 @@ def _fidelity(plane: Plane, mesh: PlaneMesh, workers: Workers) -> dict[str, floa
 def _psnr(
     mesh: PlaneMesh, scene: Scene, model: Model, fit: Fit, workers: Workers
 ) -> tuple[float, int]:
-    """Return PSNR in dB, and over how many pixels."""
+    """Return PSNR in dB, and the number of pixels."""
     surface = fit_surface(*mesh, scene, model=model, fit=fit, workers=workers, progress=silent)
     try:
         found = compare(surface, scene, workers, silent)
-    except EmptyError:  # the triangles are too small to hold the centre of a pixel
+    except EmptyError:  # the triangles are so small that they contain no pixel centre
         return math.nan, 0
     return found.overall, found.pixels
 
 
 def _with_corners(mesh: PlaneMesh, grid: Grid) -> PlaneMesh:
-    """Return the Delaunay triangulation of the nodes and of the image's corners."""
+    """Return the Delaunay triangulation of the nodes together with the image's corners."""
     w, h = grid.width, grid.height
     points = np.unique(np.concatenate([mesh[0], [(0, 0), (w, 0), (0, h), (w, h)]]), axis=0)
     return points, delaunay(points).triangles

@@ -1,7 +1,7 @@
-"""The layers of a mesh as Arrow record batches, without an object per row.
+"""The layers of a mesh as Arrow record batches, without one Python object per row.
 
-All geometries of a layer have the same number of vertices, so their WKB (OGC
-06-103r4, section 8.2) has a fixed size and is filled as one structured array.
+All geometries of a layer have the same number of vertices. So their WKB (OGC 06-103r4,
+section 8.2) has a fixed size, and one structured array holds the WKB of all rows.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 GeometryType = Literal["Point", "LineString", "Polygon"]
 
 _LITTLE_ENDIAN = 1
-_NO_ASCII = 128
+_NO_ASCII = 128  # the first code point outside ASCII
 _WKB_CODES: dict[GeometryType, int] = {"Point": 1, "LineString": 2, "Polygon": 3}
 _WKB_COUNTS: dict[GeometryType, tuple[str, ...]] = {
     "Point": (),
@@ -36,17 +36,17 @@ _WKB_COUNTS: dict[GeometryType, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A layer of a mesh, ready to be cut into batches.
+    """A layer of a mesh, which returns its rows as batches.
 
     Parameters
     ----------
     name : {"triangles", "edges", "nodes"}
     columns : Table
-        Attributes, one row a geometry.
+        Attributes, one row per geometry.
     points : float64 (N, 2)
         Node coordinates on the map.
     vertices : int32 (R, V)
-        Node ids of every geometry; rings are closed.
+        Node ids of each geometry; rings are closed.
     geometry_type : {"Polygon", "LineString", "Point"}
     """
 
@@ -72,7 +72,7 @@ class Layer:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """(west, south, east, north) of the layer on the map."""
+        """West, south, east and north of the layer on the map."""
         (west, south), (east, north) = self.points.min(axis=0), self.points.max(axis=0)
         return float(west), float(south), float(east), float(north)
 
@@ -81,15 +81,15 @@ class Layer:
         return self.batch(slice(0, 0), geometry, bbox=bbox).schema
 
     def batch(self, rows: slice, geometry: str, *, bbox: str | None = None) -> pa.RecordBatch:
-        """Return the given rows.
+        """Return the given rows as a record batch.
 
         Parameters
         ----------
         rows : slice
         geometry : str
-            Name of the column of WKB.
+            Name of the WKB column.
         bbox : str, optional
-            Name of a struct column to add, of xmin, ymin, xmax and ymax.
+            Name of a struct column to add, with xmin, ymin, xmax and ymax.
         """
         arrays = {name: _attribute(values[rows]) for name, values in self.columns.items()}
         arrays[geometry] = self.geometry(rows)
@@ -107,10 +107,10 @@ class Layer:
 
 
 def _attribute(values: NDArray[Any]) -> pa.Array:
-    """Return a column; NaN becomes null, which every format knows.
+    """Return an Arrow column; NaN becomes null, which every format supports.
 
-    Numbers and plain text by their buffers: the first call of `pyarrow.array` imports pandas,
-    which takes half a second and is not needed.
+    Columns of numbers and ASCII text are made from buffers: the first call of
+    `pyarrow.array` imports pandas, which takes half a second and is not needed.
     """
     if values.dtype.kind == "U":
         return _text(values)
@@ -140,7 +140,7 @@ def _text(values: NDArray[np.str_]) -> pa.Array:
 
 
 def wkb(xy: NDArray[np.float64], geometry_type: GeometryType) -> NDArray[Any]:
-    """Return the well-known binary of coordinates (R, V, 2): a structured array (R,)."""
+    """Return the well-known binary of coordinates (R, V, 2), as a structured array (R,)."""
     counts = _WKB_COUNTS[geometry_type]
     fields = [("order", "u1"), ("type", "<u4"), *((name, "<u4") for name in counts)]
     records = np.empty(len(xy), np.dtype([*fields, ("xy", "<f8", xy.shape[1:])]))
@@ -152,24 +152,24 @@ def wkb(xy: NDArray[np.float64], geometry_type: GeometryType) -> NDArray[Any]:
     return records
 
 
-def binary(records: NDArray[Any], others: Mapping[int, bytes] | None = None) -> pa.Array:
+def binary(records: NDArray[Any], replacements: Mapping[int, bytes] | None = None) -> pa.Array:
     """Return an Arrow binary array of the records' bytes.
 
     Parameters
     ----------
     records : structured array (R,)
-    others : mapping of int to bytes, optional
-        What to put in place of these rows, which need not have the same size.
+    replacements : mapping of int to bytes, optional
+        Row number to the bytes that replace this row; they may have another size.
     """
     sizes = np.full(len(records), records.dtype.itemsize, np.int32)
-    # pyarrow takes no buffer of a structured dtype.
+    # pyarrow does not accept a buffer of a structured dtype.
     data = records.view(np.uint8)
-    if others:
-        sizes[list(others)] = [len(other) for other in others.values()]
-        kept = np.split(records, sorted(others))
+    if replacements:
+        sizes[list(replacements)] = [len(new) for new in replacements.values()]
+        kept = np.split(records, sorted(replacements))
         pieces = [kept[0].view(np.uint8)]
-        for row, run in zip(sorted(others), kept[1:], strict=True):
-            pieces += [np.frombuffer(others[row], np.uint8), run[1:].view(np.uint8)]
+        for row, run in zip(sorted(replacements), kept[1:], strict=True):
+            pieces += [np.frombuffer(replacements[row], np.uint8), run[1:].view(np.uint8)]
         data = np.concatenate(pieces)
     offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
     buffers = [None, pa.py_buffer(offsets), pa.py_buffer(data)]

@@ -1,4 +1,4 @@
-"""Rows on their way from a layer into a file, and how far they are."""
+"""BatchStream: the batches of a layer on the way into a file, with progress."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ BATCH_ROWS = 65_536
 
 
 class BatchStream:
-    """Hands out the batches of a layer, keeps count, and can be stopped from another thread.
+    """Yields the batches of a layer and counts rows; another thread can stop it.
 
-    An exception in a generator that a C library draws from comes out as that
-    library's own error, with a text at best; `failure` keeps the original.
+    If a C library reads from a generator, it replaces an exception in the generator by an
+    error of its own, which has only the text at best. `failure` keeps the original exception.
 
     Parameters
     ----------
-    news : SimpleQueue
+    events : SimpleQueue
         Gets an entry after each batch.
     """
 
-    def __init__(self, news: SimpleQueue[None]) -> None:
+    def __init__(self, events: SimpleQueue[None]) -> None:
         self.rows = 0
-        self._news = news
+        self._events = events
         self.failure: BaseException | None = None
         self._stopped = False
 
     def stop(self) -> None:
-        """Let the next batch be an error."""
+        """Raise an error instead of the next batch."""
         self._stopped = True
 
     def batches(self, layer: Layer, geometry: str, *, bbox: str | None = None) -> Iterator[Any]:
-        """Yield the record batches of a layer, made one at a time."""
+        """Yield the record batches of a layer, each made when it is needed."""
         try:
             for start in range(0, len(layer), BATCH_ROWS):
                 if self._stopped:
@@ -45,7 +45,7 @@ class BatchStream:
                 batch = layer.batch(slice(start, start + BATCH_ROWS), geometry, bbox=bbox)
                 self.rows += batch.num_rows
                 yield batch
-                self._news.put(None)
+                self._events.put(None)
         except GeneratorExit:
             raise
         except BaseException as error:

@@ -1,4 +1,4 @@
-"""The metadata document: the JSON that travels with a mesh, and restores it."""
+"""The metadata document: JSON in a mesh file from which the mesh can be restored."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ FORMAT = 1
 def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
     """Return the metadata document of a mesh as JSON text.
 
-    Its entries are those of the mesh's provenance (see `Provenance.to_dict`), and `geomesh`
-    (the version that wrote the file), `certificate` (what was checked) and `mesh` (what
-    `geomesh.read_mesh` needs beside the layers).
+    It has the entries of the mesh's provenance (see `Provenance.to_dict`) and three more:
+    `geomesh` (the version that wrote the file), `certificate` (the checks and their results)
+    and `mesh` (what `geomesh.read_mesh` needs in addition to the layers).
     """
     document = {
         **mesh.metadata,
@@ -54,7 +54,7 @@ def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
 
 
 def describe_grid(grid: Grid) -> dict[str, Any]:
-    """Return the entry of a mesh's grid, as plain JSON values."""
+    """Return the description of a mesh's grid as plain JSON values."""
     return {
         "width": grid.width,
         "height": grid.height,
@@ -64,5 +64,5 @@ def describe_grid(grid: Grid) -> dict[str, Any]:
 
 
 def _dtypes(table: Table) -> list[list[str]]:
-    """Pairs of name and dtype: a JSON object would not keep the columns' order."""
+    """Return pairs of name and dtype: sorted keys of a JSON object would lose the order."""
     return [[name, values.dtype.str] for name, values in table.items()]

@@ -1,4 +1,4 @@
-"""Format: what a file format can hold, and how it is written and counted."""
+"""Format: what a file format can store, how to write it and how to check it."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 GEOMETRY = "geometry"
 
-# Stands in a layer's metadata until the document is known.
+# Placeholder in the metadata of a layer until the document is known.
 PENDING = "@document of the mesh@"
 
-# How GDAL gets the rows of a layer: their schema, the rows, and keywords of pyogrio.write_arrow.
+# Writes the rows of a layer with GDAL: schema, batches, and keywords of pyogrio.write_arrow.
 WriteRows = Callable[["pa.Schema", "Iterator[pa.RecordBatch]", Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True, eq=False)
 class LayerFile:
-    """A layer of a mesh and the file that is to hold it.
+    """A layer of a mesh and the file to write it to.
 
     Parameters
     ----------
@@ -55,15 +55,15 @@ def _layer_of(mesh: TriangleMesh, name: LayerName) -> Layer:
 
 @dataclass(frozen=True)
 class Joining:
-    """How layers that were written to files of their own become one file.
+    """How to join layers that were written to separate files into one file.
 
     Parameters
     ----------
     is_possible : callable() -> bool
-        Whether they can be joined here; one process writes them all otherwise.
-    finish : callable(path, names, others, document)
-        Copies the layers in `others` (name to path) into the file at `path`, puts all
-        `names` in this order, and replaces `PENDING` by the document.
+        Whether this computer can join them; if not, one process writes all layers.
+    finish : callable(path, names, separate, document)
+        Copies the layers in `separate` (name to path) into the file at `path`, puts the
+        layers into the order of `names`, and replaces `PENDING` by the document.
     """
 
     is_possible: Callable[[], bool]
@@ -77,30 +77,31 @@ class Format:
     Parameters
     ----------
     driver : str
-        Its name: GDAL's, where GDAL knows it.
+        Name of the format; if GDAL supports it, the name of GDAL's driver.
     extensions : tuple of str
-        The first is the usual one.
+        File extensions; the first is the usual one.
     write : callable(layer, file, stream, write_rows)
-        Writes a layer: what it holds, where to, its batches, and GDAL for those that use it.
+        Writes `layer` to `file`. The batches come from `stream`; formats that use GDAL
+        write them with `write_rows`.
     count_rows : callable(path, layer name) -> int
-        Counts the rows that can be read back, themselves, not the number in a header; raises
-        OSError or RuntimeError for a damaged file.
+        Counts the rows by reading them, not from a number in a header; raises OSError or
+        RuntimeError for a damaged file.
     read_document : callable(path) -> str
         Returns the metadata document; raises KeyError if there is none.
     geometry : str
         Name of the geometry column.
     reserved : tuple of str
-        Names of further columns that it makes by itself.
+        Names of other columns that the format adds.
     ignores_case : bool
-        Whether names that differ in case only are the same column.
+        Whether names that differ only in case are the same column.
     layers : tuple of {"triangles", "edges", "nodes"}
-        What it can hold.
+        The layers that the format can store.
     layer : callable(mesh, name) -> Layer
-        Makes the rows of a layer.
+        Returns a layer with its rows.
     joining : Joining, optional
-        Of a format that holds several layers in one file.
+        Only for a format that stores several layers in one file.
     by_gdal : bool
-        Whether GDAL writes it.
+        Whether GDAL writes the format.
     """
 
     driver: str

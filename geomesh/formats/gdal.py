@@ -1,4 +1,4 @@
-"""Layers that GDAL writes, from Arrow batches; what is common to its formats."""
+"""Write layers with GDAL from Arrow batches, for all formats that GDAL writes."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def write_by_gdal(
     dataset_options: Mapping[str, str] | None = None,
     layer_options: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a layer with the driver of its format.
+    """Write a layer with the GDAL driver of its format.
 
     Parameters
     ----------
     layer, file, stream, write_rows
-        As `Format.write` gets them.
+        As in `Format.write`.
     with_crs : bool
-        Whether the file is told the CRS of the mesh.
+        Whether to write the CRS of the mesh.
     dataset_options, layer_options : mapping of str to str, optional
         GDAL's creation options.
     """
@@ -59,7 +59,7 @@ def write_by_gdal(
 
 
 def read_document_by_gdal(path: Path) -> str:
-    """Return the metadata document that a layer carries; KeyError if none does."""
+    """Return the metadata document of the first layer that has one; KeyError if none has."""
     import pyogrio
 
     from geomesh.formats.document import KEY
@@ -73,10 +73,10 @@ def read_document_by_gdal(path: Path) -> str:
 
 
 def plain_name(path: str | PathLike[str]) -> str:
-    """Return a name under which pyogrio opens just this file.
+    """Return a name with which pyogrio opens exactly this file.
 
-    It gives "!" and ";" in a path a meaning of their own, save in GDAL's virtual file
-    systems; this one is the file itself, from its first byte.
+    For pyogrio, "!" and ";" in a path have a special meaning, except in GDAL's virtual file
+    systems. `/vsisubfile/0,` is such a file system: the whole file, from its first byte.
     """
     name = fspath(path)
     return f"/vsisubfile/0,{name}" if set(name) & set("!;") else name

@@ -30,13 +30,13 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
 
     collection = {"type": "FeatureCollection", KEY: json.loads(file.document)}
     options = {
-        # Coordinates come rounded: COORDINATE_PRECISION would turn 44.9999997 into 45.
+        # Coordinates are rounded already: COORDINATE_PRECISION would turn 44.9999997 into 45.
         "SIGNIFICANT_FIGURES": "17",
-        # Members of the collection beside its features (RFC 7946, section 6.1).
+        # Additional members of the collection (RFC 7946, section 6.1).
         "NATIVE_DATA": json.dumps(collection),
         "NATIVE_MEDIA_TYPE": "application/vnd.geo+json",
     }
-    # RFC 7946 knows one CRS only, so none is named.
+    # RFC 7946 allows only one CRS, so the file does not name it.
     write_by_gdal(layer, file, stream, write_rows, with_crs=False, layer_options=options)
 
 
@@ -48,7 +48,7 @@ def _read_document(path: Path) -> str:
 
 
 def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
-    """Count lines, as GDAL puts one feature on each: parsing takes as long as writing."""
+    """Count features as lines: GDAL writes one per line, and parsing is as slow as writing."""
     rows, last = 0, b""
     with path.open("rb") as file:
         for line in file:

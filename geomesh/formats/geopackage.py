@@ -1,8 +1,8 @@
 """GeoPackage 1.2, written by GDAL: several layers in one file.
 
-SQLite has one writer a file. So layers that are written at the same time get a file each, and
-are copied into one at the end: GDAL fills a layer of its own file fastest, and SQLite copies
-finished tables page by page in a tenth of that time.
+An SQLite file can have only one writer at a time. So layers that are written in parallel get
+separate files, which are joined at the end. GDAL is fastest if it fills a layer in a file of
+its own, and SQLite copies the finished tables page by page in a tenth of that time.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.parameters import LayerName
 
-# GDAL's creation options.
+# Creation options of GDAL.
 DATASET_OPTIONS: Mapping[str, str] = MappingProxyType({"VERSION": "1.2"})
 LAYER_OPTIONS: Mapping[str, str] = MappingProxyType({"SPATIAL_INDEX": "YES"})
 
 _INDEX = "rtree_{}_geom"
-# The tables in which SQLite keeps an R-tree.
+# Suffixes of the tables in which SQLite stores an R-tree.
 _INDEX_TABLES = ("node", "rowid", "parent")
-# Where a GeoPackage lists its layers; the column that names the layer.
+# Tables in which a GeoPackage lists its layers, and the column with the name of the layer.
 _REGISTERS = {
     "gpkg_contents": "table_name",
     "gpkg_geometry_columns": "table_name",
@@ -38,12 +38,12 @@ _REGISTERS = {
     "gpkg_ogr_contents": "table_name",
 }
 
-# By which of these programs list the layers.
+# Of these, the tables from which other programs take the order of the layers.
 _ORDER = ("gpkg_contents", "gpkg_geometry_columns")
 
 
 def _can_join() -> bool:
-    """Tell whether Python's own SQLite knows R-trees, without which files cannot be joined."""
+    """Return whether the SQLite of Python supports R-trees, which joining files needs."""
     with closing(sqlite3.connect(":memory:")) as database:
         try:
             database.execute("CREATE VIRTUAL TABLE tried USING rtree(id, low, high)")
@@ -53,33 +53,33 @@ def _can_join() -> bool:
 
 
 def _finish(
-    path: Path, layers: Sequence[LayerName], others: Mapping[LayerName, Path], document: str
+    path: Path, layers: Sequence[LayerName], separate: Mapping[LayerName, Path], document: str
 ) -> None:
-    """Copy a layer of each of the other files into the GeoPackage at `path`, and finish that.
+    """Copy the layers of separate files into the GeoPackage at `path`, and complete it.
 
     Parameters
     ----------
     path : Path
         A GeoPackage written by GDAL, with layers in the same CRS.
     layers : sequence of str
-        All of them, in the order in which programs are to list them.
-    others : mapping of str to Path
-        Those that are in a file of their own.
+        Names of all layers, in the order in which programs should list them.
+    separate : mapping of str to Path
+        The layers that are in separate files, and these files; they are removed.
     document : str
-        What is to stand in the metadata of the layers in place of `PENDING`.
+        Replaces `PENDING` in the metadata of the layers.
 
     Raises
     ------
     sqlite3.Error
         If the disk is full.
     """
-    from xml.sax.saxutils import escape  # takes urllib along: not for every --help
+    from xml.sax.saxutils import escape  # imports urllib: --help should not wait for it
 
-    # The file is in nobody's hands yet: no journal, and it is flushed as a whole later.
+    # No other program uses this temporary file, so it needs no journal; it is flushed later.
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("PRAGMA journal_mode = OFF")
         database.execute("PRAGMA synchronous = OFF")
-        for layer, file in others.items():
+        for layer, file in separate.items():
             database.execute("ATTACH ? AS other", (str(file),))
             database.execute("BEGIN")
             _copy_layer(database, layer)
@@ -94,7 +94,7 @@ def _finish(
                 )
         database.execute(
             "UPDATE gpkg_metadata SET metadata = replace(metadata, ?, ?)",
-            (PENDING, escape(document)),  # it lies in an XML element
+            (PENDING, escape(document)),  # the document is inside an XML element
         )
 
 
@@ -108,12 +108,12 @@ def _copy_layer(database: sqlite3.Connection, layer: str) -> None:
         database.execute(sql)
     tables = [layer, *(f"{index}_{part}" for part in _INDEX_TABLES)]
     for table in tables:
-        database.execute(f'DELETE FROM main."{table}"')  # an index is born with an empty node
+        database.execute(f'DELETE FROM main."{table}"')  # a new index already has an empty node
         copied = database.execute(f'INSERT INTO main."{table}" SELECT * FROM other."{table}"')
         (rows,) = database.execute(f'SELECT count(*) FROM other."{table}"').fetchone()
         if copied.rowcount != rows:
             raise sqlite3.DatabaseError(f"{copied.rowcount} of {rows} rows of {table} copied")
-    # Registers come before triggers, some of which count the rows.
+    # Fill the registers before the triggers are created: some triggers count rows.
     for register, column in _REGISTERS.items():
         database.execute(
             f"INSERT INTO main.{register} SELECT * FROM other.{register} WHERE {column} = ?",
@@ -149,7 +149,7 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
 
 
 def _count_rows(path: Path, layer: str) -> int:
-    # Not as a URI: those know no network shares.
+    # Not opened as a URI: URIs do not support network shares.
     with closing(sqlite3.connect(path)) as database:
         try:
             (state,) = database.execute(f'PRAGMA quick_check("{layer}")').fetchone()
@@ -169,7 +169,7 @@ FORMAT = Format(
     read_document_by_gdal,
     geometry="geom",
     reserved=("fid",),
-    ignores_case=True,  # as SQLite's column names do
+    ignores_case=True,  # as SQLite does for column names
     joining=Joining(_can_join, _finish),
     by_gdal=True,
 )

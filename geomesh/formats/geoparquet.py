@@ -17,9 +17,9 @@ _BBOX = "bbox"
 
 
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:  # noqa: ARG001
-    """Write a layer with the bounding box of every row, by which readers skip row groups.
+    """Write a layer with the bounding box of every row, so that readers can skip row groups.
 
-    The document is stored beside the `geo` key; each batch becomes a row group.
+    The file metadata have the document and the `geo` key. Each batch becomes a row group.
     """
     import pyarrow.parquet as pq
 

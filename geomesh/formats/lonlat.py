@@ -1,10 +1,10 @@
-"""What GeoJSON asks of a mesh: longitude and latitude on Earth, cut at the antimeridian.
+"""The layers of a mesh for GeoJSON: longitude and latitude, cut at the antimeridian.
 
-GDAL writes the file, but not with RFC7946=YES: that goes by a rule of thumb, by
-which a triangle crosses the antimeridian if it has corners within 10 degrees of it
-on either side. Others that cross it, as they do near the poles, are left to run
-around the world, and one that does span the world is cut to a sliver. So it is
-given finished geometry, and no CRS, for RFC 7946 knows but one.
+GDAL writes the file, but without its option RFC7946=YES. With that option, GDAL assumes that
+a triangle crosses the antimeridian if it has corners within 10 degrees on both sides of it.
+Other triangles that cross it, for example near the poles, would reach around the world, and
+a triangle that really spans the world would be cut to a sliver. So GDAL gets geometries that
+are already cut. It gets no CRS, because RFC 7946 allows only one.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 LONLAT = "OGC:CRS84"
 
-# RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre; float64 holds
-# 13 of a longitude.
+# RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre. A longitude in float64
+# has 13 decimals.
 _DECIMALS = (7, 9, 11, 13)
 
-# Of attributes; as many as float32 has.
+# Significant digits of attributes: the precision of float32.
 _DIGITS = 7
 
-# An edge that seems to turn by more degrees than this is followed in so many steps,
-# to tell which way around the Earth it goes.
+# If the longitude seems to change by more degrees along an edge, the edge is followed in
+# steps, to find out in which direction around the Earth it goes.
 _SUSPECT_TURN = 90.0
 _STEPS = 16
 
@@ -48,17 +48,17 @@ _STEPS = 16
 class LonLatLayer(Layer):
     """A layer with `points` in longitude and latitude.
 
-    Longitudes run on past 180 degrees within a geometry, and are then cut there.
+    Inside a geometry, longitudes continue beyond 180 degrees. Then the geometry is cut there.
 
     Parameters
     ----------
     map_points : float64 (N, 2)
         Node coordinates on the map.
     transformer : pyproj.Transformer, optional
-        From the map to longitude and latitude; None where the map's own x is a
-        longitude, so that `points` tell which way an edge goes.
+        From the map to longitude and latitude. None if x on the map is a longitude: then
+        `points` show in which direction an edge goes.
     decimals : int
-        Geometries are rounded to so many.
+        Number of decimals to which coordinates are rounded.
     """
 
     map_points: Points
@@ -72,16 +72,17 @@ class LonLatLayer(Layer):
         Raises
         ------
         GeoreferenceError
-            Without a CRS, with one that is not of Earth, or if nodes have no
-            longitude and latitude (off the disc of a geostationary image).
+            If the mesh has no CRS or one of another celestial body, or if nodes have no
+            longitude and latitude (outside the disc of a geostationary image).
         """
         transformer = _transformer(mesh)
         lonlat = np.column_stack(transformer.transform(*mesh.map_nodes.T))
         off = ~np.isfinite(lonlat).all(axis=1) | (np.abs(lonlat[:, 1]) > 90)
         if off.any():
             raise GeoreferenceError(
-                f"GeoJSON is longitude and latitude, and {np.count_nonzero(off)} of {len(off)} "
-                "nodes have none: leave them out with `bounds` or `mask`, or write .gpkg"
+                "GeoJSON needs longitude and latitude, but "
+                f"{np.count_nonzero(off)} of {len(off)} nodes have none: leave them out with "
+                "`bounds` or `mask`, or write .gpkg"
             )
         layer = Layer.of(mesh, name)
         crs = mesh.grid.crs
@@ -91,7 +92,7 @@ class LonLatLayer(Layer):
             lonlat[:, 0] += _whole_turns(mesh.map_nodes[:, 0] * degrees - lonlat[:, 0])
         return cls(
             name,
-            Table({name: _shortened(values) for name, values in layer.columns.items()}),
+            Table({name: _rounded(values) for name, values in layer.columns.items()}),
             lonlat,
             layer.vertices,
             layer.geometry_type,
@@ -111,7 +112,7 @@ class LonLatLayer(Layer):
         around = np.zeros(len(xy), np.bool_)
         if self.geometry_type == "Polygon":
             around = lon[:, 0] != lon[:, -1]
-            # A sliver may turn over where a straight side of the map is a curve.
+            # A side that is straight on the map may be a curve here: a sliver can flip over.
             clockwise = _orientation(xy) < 0
             xy[clockwise] = xy[clockwise][:, ::-1]
         cut = np.flatnonzero((np.abs(lon) > 180).any(axis=1) | around)
@@ -119,21 +120,21 @@ class LonLatLayer(Layer):
         return binary(wkb(xy, self.geometry_type), pieces)
 
     def _unrolled(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Longitudes (R, V) that go on from vertex to vertex, instead of jumping at 180."""
+        """Return longitudes (R, V) that continue from vertex to vertex, without jumps at 180."""
         lon = self.points[:, 0][nodes]
         start, stop = nodes[:, :-1], nodes[:, 1:]
         turn = lon[:, 1:] - lon[:, :-1]
         if self.transformer is not None:
             suspect = np.abs(turn) > _SUSPECT_TURN
-            turn[suspect] = self._followed(start[suspect], stop[suspect], turn[suspect])
+            turn[suspect] = self._turn_along(start[suspect], stop[suspect], turn[suspect])
         return np.column_stack([lon[:, :1], lon[:, :1] + np.cumsum(turn, axis=1)])
 
-    def _followed(
+    def _turn_along(
         self, start: NDArray[np.int32], stop: NDArray[np.int32], turn: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Change of longitude along straight edges of the map.
+        """Return the change of longitude along edges that are straight on the map.
 
-        Both triangles of an edge follow it in the same direction and so agree.
+        An edge is followed in the same direction for both of its triangles, so they agree.
         """
         assert self.transformer is not None
         low, high = np.minimum(start, stop), np.maximum(start, stop)
@@ -147,8 +148,8 @@ class LonLatLayer(Layer):
         return followed
 
 
-def _shortened(values: NDArray[Any]) -> NDArray[Any]:
-    """Return float values to `_DIGITS` significant digits, which is half as much to load."""
+def _rounded(values: NDArray[Any]) -> NDArray[Any]:
+    """Return floats rounded to `_DIGITS` significant digits: half as much data to load."""
     if values.dtype.kind != "f":
         return values
     sizes = np.abs(values, dtype=np.float64)
@@ -160,10 +161,10 @@ def _shortened(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def enough_decimals(lonlat: Points, triangles: Triangles) -> int:
-    """Return how many decimals keep every triangle a triangle.
+    """Return the number of decimals with which no triangle collapses.
 
-    The least of 7, 9, 11 and 13 at which rounding neither turns a triangle over
-    nor flattens it.
+    It is the smallest of 7, 9, 11 and 13 with which rounding neither flips a triangle nor
+    makes it flat.
     """
     before = _orientation(_short_way(lonlat[triangles]))
     for places in _DECIMALS:
@@ -176,49 +177,49 @@ def _transformer(mesh: TriangleMesh) -> Transformer:
     crs = mesh.grid.crs
     if crs is None:
         raise GeoreferenceError(
-            "GeoJSON is longitude and latitude, and the mesh has no CRS: "
+            "GeoJSON needs longitude and latitude, but the mesh has no CRS: "
             "georeference the raster, or write .gpkg"
         )
     try:
-        # PROJ refuses by itself to go from one celestial body to another.
+        # PROJ itself refuses a transformation between two celestial bodies.
         return Transformer.from_crs(crs, LONLAT, always_xy=True)
     except ProjError as error:
         raise GeoreferenceError(
-            "GeoJSON is longitude and latitude on Earth, and there is no way to them from "
-            f"{crs.name!r}: write .gpkg"
+            "GeoJSON needs longitude and latitude on Earth, but there is no transformation from "
+            f"{crs.name!r} to them: write .gpkg"
         ) from error
 
 
 def _whole_turns(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Nearest multiple of 360; symmetric: that of -180 and of 180 is 0."""
+    """Return the nearest multiple of 360; for -180 and for 180 it is 0."""
     turns: NDArray[np.float64] = 360 * np.round(degrees / 360)
     return turns
 
 
 def _short_way(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move longitudes of (T, 3, 2) to within 180 degrees of the first corner's, in place."""
+    """Move the longitudes of (T, 3, 2) to within 180 degrees of the first corner, in place."""
     lon = corners[..., 0]
     lon -= _whole_turns(lon - lon[:, :1])
     return corners
 
 
 def _orientation(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """1 where the first three corners go counter-clockwise, -1 where clockwise, else 0."""
+    """Return 1 if the first three corners are counter-clockwise, -1 if clockwise, else 0."""
     (ax, ay), (bx, by) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
     orientation: NDArray[np.float64] = np.sign(ax * by - ay * bx)
     return orientation
 
 
 def _cut(xy: NDArray[np.float64], geometry_type: str) -> Any:
-    """WKB of a geometry whose longitudes leave -180 to 180, or that holds a pole."""
+    """Return the WKB of a geometry that leaves the range -180 to 180, or contains a pole."""
     turns: tuple[float, ...] = (-360, 0, 360)
     if geometry_type == "LineString":
         whole = shapely.LineString(xy)
     elif xy[0, 0] == xy[-1, 0]:
         whole = shapely.Polygon(xy)
     else:
-        # A ring around a pole is closed along the pole's parallel; it goes around
-        # twice, so that one turn from antimeridian to antimeridian can be cut from it.
+        # A ring around a pole is closed along the line of latitude 90. The ring goes around
+        # twice, so that one turn from antimeridian to antimeridian can be cut out of it.
         path = np.vstack([xy, xy[1:] + np.array([xy[-1, 0] - xy[0, 0], 0])])
         pole = np.copysign(90.0, xy[:, 1].sum())
         whole = shapely.Polygon([*path, (path[-1, 0], pole), (path[0, 0], pole)])
@@ -226,7 +227,7 @@ def _cut(xy: NDArray[np.float64], geometry_type: str) -> Any:
     parts = []
     for turn in turns:
         part = shapely.intersection(whole, shapely.box(turn - 180, -90, turn + 180, 90))
-        # A side that only touches the antimeridian leaves a line or a point behind it.
+        # A geometry that only touches the antimeridian leaves a line or a point there: drop it.
         pieces = [
             piece
             for piece in shapely.get_parts(part)

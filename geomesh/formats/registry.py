@@ -1,4 +1,4 @@
-"""The registry of formats: a new one is a module of its own, with a FORMAT, and a line here."""
+"""The registry of formats. A new format needs a module with a FORMAT, and a line here."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from geomesh.formats.format import Format
 
-# A line for each format, in the order in which help texts and messages list them.
+# One line per format, in the order in which help texts and messages list them.
 _MODULES = (
     "geopackage",
     "geojson",
@@ -31,7 +31,7 @@ EXTENSIONS = tuple(extension for known in FORMATS for extension in known.extensi
 
 
 def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
-    """Return the format that `driver` names, or else the extension of `path`.
+    """Return the format with the name `driver`, or else with the extension of `path`.
 
     Raises
     ------

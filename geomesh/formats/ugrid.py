@@ -1,7 +1,7 @@
-"""The mesh as a mesh: UGRID 1.0 (https://ugrid-conventions.github.io) in NetCDF, by scipy.
+"""UGRID 1.0 (https://ugrid-conventions.github.io) in NetCDF, written by scipy.
 
-QGIS opens it as a mesh layer through MDAL, which takes data on faces and the CRS
-from it; ParaView and xugrid read it too.
+UGRID stores the mesh with its topology. QGIS opens it as a mesh layer through MDAL, which
+reads the data on faces and the CRS. ParaView and xugrid read it too.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 _FACES = "mesh_face_nodes"
 
-# The name that MDAL looks for.
+# The name of the variable in which MDAL looks for the CRS.
 _CRS = "projected_coordinate_system"
 
-# Attributes that the topology says already.
+# Attributes that are already in the topology.
 _TOPOLOGY = ("id", "n0", "n1", "n2")
 
 _COLOR = "color"
@@ -37,16 +37,16 @@ _UNITS = {
     **dict.fromkeys(("min_angle", "max_angle"), "degree"),
 }
 
-# So few that a renderer can list the colours of a mesh.
+# Few enough for a renderer to list all colours of a mesh.
 _MOST_COLORS = 4096
 
 
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:  # noqa: ARG001
     """Write the triangles of a mesh; the document is stored as a global attribute.
 
-    Attributes become data on faces as float64, `color` as 65536 red + 256 green + blue,
-    rounded to fewer levels of each until there are at most 4096 colours. Other texts are
-    left out: NetCDF has no place for them.
+    Attributes become data on faces, as float64. `color` becomes 65536 red + 256 green + blue,
+    rounded to fewer levels until there are at most 4096 colours. Other text is left out,
+    because data on faces must be numbers.
     """
     import numpy as np
     from scipy.io import netcdf_file
@@ -102,7 +102,7 @@ def _add(
 
 
 def _packed(colors: NDArray[np.str_]) -> NDArray[np.float64]:
-    """Return colours '#rrggbb' as numbers."""
+    """Return colours '#rrggbb' as numbers, 65536 red + 256 green + blue."""
     import numpy as np
 
     codes = np.array([int(color[1:], 16) for color in colors.tolist()], np.int64)
@@ -121,7 +121,7 @@ def _placed(crs: CRS | None) -> dict[str, str]:
 
 
 def _crs_attributes(crs: CRS) -> dict[str, Any]:
-    """Return the CRS by its EPSG code, as MDAL reads it, or else as WKT."""
+    """Return attributes with the CRS as MDAL reads it: an EPSG code, or else WKT."""
     import numpy as np
 
     attributes: dict[str, Any] = {"crs_wkt": crs.to_wkt().encode()}
@@ -142,7 +142,7 @@ def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
     from scipy.io import netcdf_file
 
     try:
-        # Not mapped into memory: every value is read, and a short file is noticed.
+        # Without memory mapping every value is read, so a truncated file is detected.
         with netcdf_file(path, mmap=False) as dataset:
             return len(dataset.variables[_FACES].data)
     except (IndexError, KeyError, TypeError, ValueError) as error:

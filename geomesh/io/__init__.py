@@ -1,1 +1,1 @@
-"""Files: writing meshes and reading them back."""
+"""Files: write meshes, images and figures, and read meshes back."""

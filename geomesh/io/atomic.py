@@ -1,4 +1,7 @@
-"""Output that is there as a whole or not at all: written aside, then moved into place."""
+"""Atomic output: write to a temporary file, then move it to its final place.
+
+So an output file is either complete or does not exist.
+"""
 
 from __future__ import annotations
 
@@ -17,33 +20,33 @@ from geomesh.errors import OutputError, one_line
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# What SQLite keeps beside a database. Left there, it would be replayed into the
-# database that takes the old one's name, and corrupt it.
+# Files that SQLite keeps next to a database. If they stayed, SQLite would apply them to the
+# new database with the same name, and corrupt it.
 _COMPANIONS = ("-wal", "-shm", "-journal")
 
 
 def check_place(target: Path, *, overwrite: bool) -> None:
-    """Refuse a place that cannot be written to, before any work is done.
+    """Raise OutputError if `target` cannot be written; call this before any work is done.
 
     Raises
     ------
     OutputError
-        If `target` exists (unless `overwrite`), is no regular file, or its
-        folder is missing or cannot be written to.
+        If `target` exists (unless `overwrite`), is not a regular file, or its folder does
+        not exist or cannot be written to.
     """
     place = Path(os.path.realpath(target))
     if "!" in str(place.parent):
         raise OutputError(
-            f"{target} cannot be written: pyogrio takes what follows a '!' for a file in an "
-            "archive; choose a folder without it"
+            f"{target} cannot be written: pyogrio would read the text after '!' as the name of a "
+            "file in an archive; choose a folder without '!'"
         )
     try:
         if place.exists():
             _check_existing(target, place.stat().st_mode, overwrite=overwrite)
         if not place.parent.is_dir():
             raise OutputError(f"the folder of {target} does not exist; create it first")
-        # The mode bits do not tell: a superuser passes them, and a read-only or
-        # full file system may still refuse.
+        # Make a folder to find out. The permission bits do not say enough: a superuser
+        # ignores them, and a read-only or full file system refuses all the same.
         Path(tempfile.mkdtemp(prefix=leftovers_prefix(os.getpid()), dir=place.parent)).rmdir()
     except OSError as error:
         raise OutputError(
@@ -62,25 +65,26 @@ def _check_existing(target: Path, mode: int, *, overwrite: bool) -> None:
 
 @contextmanager
 def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
-    """Yield the path to write to; on leaving, move that file to `target`.
+    """Yield a temporary path to write to; at the end of the block, move it to `target`.
 
-    The path lies in a hidden folder beside `target`, so that the move is one
-    rename within a file system: a reader sees the old file or the new one. On any
-    exception the folder is removed and `target` stays as it was.
+    The path is in a hidden folder next to `target`. So the move is one rename in the same
+    file system, and a reader sees either the old file or the new one. After any exception
+    the folder is removed, and `target` does not change.
 
     Parameters
     ----------
     target : Path
-        A symbolic link is followed, and stays a link.
+        A symbolic link is followed and stays a link.
     suffix : str
-        Extension of the file to write, with its dot.
+        Extension of the file to write, with the dot.
     overwrite : bool
-        Whether a file that has appeared at `target` meanwhile may be replaced.
+        Whether to replace a file that another program has created at `target` in the
+        meantime.
 
     Raises
     ------
     OutputError
-        If the file cannot be put in place.
+        If the file cannot be moved to `target`.
     """
     place = Path(os.path.realpath(target))
     folder: Path | None = None
@@ -92,7 +96,10 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
         with writing_to(target):
             _flush(finished)
             if place.exists() and not overwrite:
-                raise OutputError(f"{target} was made by another program meanwhile; it was kept")
+                raise OutputError(
+                    f"{target} was created by another program in the meantime and was kept; use "
+                    "`overwrite=True` to replace it"
+                )
             _replace(finished, place)
     finally:
         if folder is not None:
@@ -102,10 +109,10 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Let Ctrl-C and a request to end wait until the block, which must be short, is done.
+    """Delay Ctrl-C and a request to end until the block, which must be short, is finished.
 
-    They come as exceptions in the main thread, anywhere: in the middle of cleaning up after
-    another one, they would leave the rest of it lying about.
+    Both raise exceptions anywhere in the main thread. In the middle of cleaning up they would
+    leave temporary files behind.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -131,14 +138,15 @@ def undisturbed() -> Iterator[None]:
 
 @contextmanager
 def writing_to(target: str | Path, *libraries: str) -> Iterator[None]:
-    """Raise OutputError, in one line, for what says that a file could not be written.
+    """Turn errors of failed writing into OutputError with a message of one line.
 
     Parameters
     ----------
     target : path
-        What the message calls the file.
+        The name of the file in the message.
     *libraries : str
-        Whose errors say so, beside OSError: names of packages, which need not be imported.
+        Names of packages whose errors mean, like OSError, that writing failed. The packages
+        need not be imported.
     """
     try:
         yield
@@ -156,21 +164,21 @@ def _package(error: Exception) -> str:
 
 
 def leftovers_prefix(pid: int) -> str:
-    """Return how the names of the folders begin in which a process writes its output.
+    """Return the prefix of the names of temporary folders in which a process writes.
 
-    A program that had to kill the process finds by it what was left behind.
+    With it, a program that had to kill the process finds the folders that are left.
     """
     return f".geomesh-{pid}-"
 
 
 def remove_leftovers(folder: Path, pid: int) -> None:
-    """Remove what a process that was killed has left unfinished in a folder."""
+    """Remove the temporary folders that a killed process has left in a folder."""
     for unfinished in folder.glob(f"{leftovers_prefix(pid)}*"):
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def _flush(path: Path) -> None:
-    """Wait until the file is on the disk; a full one may tell only now."""
+    """Wait until the file is on the disk: a full disk may raise an error only now."""
     with path.open("r+b") as file:
         os.fsync(file.fileno())
 
@@ -193,7 +201,7 @@ def _replace(finished: Path, place: Path) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Make the rename survive a power cut, where the system offers that."""
+    """Make the rename survive a power failure, if the system supports that."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -1,11 +1,11 @@
-"""Processes that write layers with GDAL, beside the one that computes.
+"""Separate processes that write layers with GDAL while the main process computes.
 
-pyogrio keeps the interpreter's lock while GDAL writes a batch or builds an index: in a thread
-of the same process, everything else would wait. `main` is the program that such a process
-runs, so at its top this module imports little.
+pyogrio holds the interpreter lock while GDAL writes a batch or builds an index. With a thread
+instead of a process, everything else would wait. `main` is the program of such a process, so
+this module imports only a few modules at its top.
 
-On its standard input a process gets, for each layer, a line of JSON (keywords of
-`write_arrow`) and an Arrow stream of the rows; it answers with a line of JSON.
+For each layer, a process reads from standard input a line of JSON (keywords of `write_arrow`)
+and an Arrow stream of the rows. It answers with a line of JSON.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
 
 class WriterPool(ProcessPool):
-    """Processes that wait for a layer to write.
+    """A pool of processes that wait for layers to write.
 
     Parameters
     ----------
     count : int
-        How many to start in advance.
+        Number of processes to start in advance.
     """
 
     def __init__(self, count: int) -> None:
         super().__init__(__name__, count, quiet=True)
 
     def write(self, schema: Any, batches: Iterator[Any], options: Mapping[str, Any]) -> None:
-        """Write a layer.
+        """Write a layer in one of the processes.
 
         Parameters
         ----------
@@ -47,7 +47,7 @@ class WriterPool(ProcessPool):
         Raises
         ------
         OSError
-            With what the library said.
+            With the message of the library, if writing failed.
         """
         with self.borrow() as process:
             _write(process, schema, batches, options)
@@ -74,10 +74,10 @@ def _write(
 
 
 def load_pyogrio() -> None:
-    """Import pyogrio without pandas and geopandas, which it would take along in half a second.
+    """Import pyogrio without pandas and geopandas, whose import takes half a second.
 
-    For the process of a command that needs neither: pyogrio.read_dataframe does not work
-    afterwards. If pyogrio was imported before, nothing changes.
+    Only for processes of commands that need neither: afterwards pyogrio.read_dataframe does
+    not work. If pyogrio has been imported already, nothing changes.
     """
     unneeded = [name for name in ("pandas", "geopandas") if name not in sys.modules]
     for name in unneeded:
@@ -94,14 +94,14 @@ def write_arrow(rows: Any, options: Mapping[str, Any]) -> None:
     import pyogrio
 
     with warnings.catch_warnings():
-        # No CRS is meant: GeoJSON's is understood, and a mesh without one stays so.
+        # No CRS on purpose: that of GeoJSON is implied, and some meshes have none.
         warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
         pyogrio.write_arrow(rows, **options)
 
 
 def main() -> None:
-    """Write one layer after the other, until standard input ends or a layer fails."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it decides
+    """Write layers one after the other, until standard input ends or a layer fails."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent process
     load_pyogrio()
     import pyarrow as pa
 

@@ -1,4 +1,4 @@
-"""A GeoTIFF to write that is like a raster: its pixels, its types, what it says of its bands."""
+"""Create a GeoTIFF with the grid, the data type and the band descriptions of a raster."""
 
 from __future__ import annotations
 
@@ -26,92 +26,97 @@ if TYPE_CHECKING:
 
 _EXTENSIONS = (".tif", ".tiff")
 
-# What the file has as the raster has it: no creation option is to change that.
-_SETTLED = frozenset(
+# Properties that the file takes from the raster; creation options must not change them.
+_FROM_RASTER = frozenset(
     ("driver", "width", "height", "count", "dtype", "crs", "transform", "nodata", "gcps", "rpcs")
 )
 
 # Compressions that may change a pixel.
 _LOSSY = ("jpeg", "webp", "lerc", "jxl")
 
-# What a raster says of each band, beside its description.
-_TOLD = ("colorinterp", "scales", "offsets", "units")
+# Metadata of each band, in addition to its description: attributes of a rasterio dataset.
+_BAND_METADATA = ("colorinterp", "scales", "offsets", "units")
 _COLORS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 
 
 def check_geotiff(path: str | PathLike[str], *, overwrite: bool) -> None:
-    """Refuse a file that could not be written; meant to be called before any work.
+    """Raise OutputError if the file cannot be written; call this before any work is done.
 
     Raises
     ------
     OutputError
+        If `path` is not named as a GeoTIFF, exists (unless `overwrite`), or cannot be written.
     """
     if Path(path).suffix.lower() not in _EXTENSIONS:
-        raise OutputError(f"{path} is to be a GeoTIFF: name it with {' or '.join(_EXTENSIONS)}")
+        raise OutputError(
+            f"{path} is not named as a GeoTIFF; use a name that ends in {' or '.join(_EXTENSIONS)}"
+        )
     check_place(Path(path), overwrite=overwrite)
 
 
 def choose_options(creation: Mapping[str, str]) -> dict[str, Any]:
-    """Return creation options as rasterio takes them.
+    """Return creation options as keywords of rasterio.
 
     Raises
     ------
     OutputError
-        For what is none.
+        If an option is not a creation option but a property of the raster.
     """
     given = {name.lower(): value for name, value in creation.items()}
-    for name in sorted(_SETTLED & set(given)):
+    for name in sorted(_FROM_RASTER & set(given)):
         raise OutputError(
-            f"{name} is no creation option of GTiff: the file has the raster's; leave it out"
+            f"{name} is not a creation option of GTiff: the file gets it from the raster; "
+            "leave it out"
         )
     return given
 
 
 def is_exact(options: Mapping[str, Any]) -> bool:
-    """Tell whether a file with these options gives back each pixel as it was written."""
+    """Return whether a file with these creation options stores every pixel without loss."""
     return not str(options.get("compress")).lower().startswith(_LOSSY)
 
 
 @dataclass(frozen=True)
 class Style:
-    """What a GeoTIFF says of its bands.
+    """Data type, nodata value and metadata of the bands of a GeoTIFF.
 
     Parameters
     ----------
     dtype : numpy.dtype
     nodata : float or None
-        Without one the file has a mask.
-    told : mapping
-        What else, by rasterio's name, a value for each band.
+        If None, the file has a mask.
+    metadata : mapping
+        Name of an attribute of a rasterio dataset to its values, one for each band.
     """
 
     dtype: np.dtype[Any]
     nodata: float | None
-    told: Mapping[str, Sequence[Any]]
+    metadata: Mapping[str, Sequence[Any]]
 
 
 def find_style(scene: Scene) -> Style:
-    """Return what the raster of a scene says, as far as a GeoTIFF can say the same."""
+    """Return the style of the raster of a scene, without what a GeoTIFF cannot store."""
     dtype, nodata = scene.dtype.newbyteorder("="), scene.nodata
-    if dtype.kind == "f" and dtype.itemsize not in (4, 8):  # GDAL has no other
+    if dtype.kind == "f" and dtype.itemsize not in (4, 8):  # GDAL has only these two sizes
         dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
-    told: dict[str, Sequence[Any]] = {}
+    metadata: dict[str, Sequence[Any]] = {}
     if not isinstance(scene.source, Excerpt):
-        with scene.lend() as dataset:
+        with scene.borrow() as dataset:
             if palette(dataset) is not None:
                 return Style(dtype, None, {"colorinterp": _COLORS})
             positions = [band.index - 1 for band in scene.bands]
-            told = {name: [getattr(dataset, name)[k] for k in positions] for name in _TOLD}
+            for name in _BAND_METADATA:
+                metadata[name] = [getattr(dataset, name)[k] for k in positions]
             nodata = dataset.nodatavals[positions[0]] if nodata is None else nodata
     fits = nodata is not None and can_hold(dtype, nodata)
-    return Style(dtype, nodata if fits else None, told)
+    return Style(dtype, nodata if fits else None, metadata)
 
 
 @contextmanager
 def create_like(
     path: Path, scene: Scene, style: Style, options: Mapping[str, Any]
 ) -> Iterator[Any]:
-    """Yield the dataset to write to."""
+    """Yield a new dataset with the grid and the bands of a scene, to write pixels to."""
     grid = scene.grid
     profile = {
         "driver": "GTiff",
@@ -127,36 +132,38 @@ def create_like(
     }
     if "compress" not in options:
         profile |= {"compress": "deflate", "predictor": 3 if style.dtype.kind == "f" else 2}
-    # The mask inside the file, not beside it.
+    # Store the mask inside the file, not in a second file.
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True):
-        with _complaints(options):
+        with _refused_options(options):
             dataset = rasterio.open(path, "w", **{**profile, **options})
         with dataset:
             for number, band in enumerate(scene.bands, start=1):
                 if band.description is not None:
                     dataset.set_band_description(number, band.description)
-            for name, values in style.told.items():
+            for name, values in style.metadata.items():
                 if tuple(values) != getattr(dataset, name):
                     setattr(dataset, name, values)
             yield dataset
 
 
 @contextmanager
-def _complaints(options: Mapping[str, Any]) -> Iterator[None]:
-    """Raise OutputError for creation options that GDAL would only log a complaint about."""
-    found: list[str] = []
+def _refused_options(options: Mapping[str, Any]) -> Iterator[None]:
+    """Raise OutputError for creation options that GDAL refuses, even if it only logs that."""
+    messages: list[str] = []
     handler = logging.Handler()
-    handler.emit = lambda record: found.append(record.getMessage())  # type: ignore[method-assign]
+    handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]
     log = logging.getLogger("rasterio")
     log.addHandler(handler)
     try:
         yield
     except (RasterioError, ValueError, TypeError) as error:
-        raise OutputError(f"the creation options do not go together: {one_line(error)}") from error
+        raise OutputError(
+            f"the creation options cannot be used together: {one_line(error)}; change them"
+        ) from error
     finally:
         log.removeHandler(handler)
     for name in options:
-        for complaint in found:
-            if name in complaint.lower():
-                why = complaint.partition(" in ")[2] or complaint  # GDAL's own code comes first
+        for message in messages:
+            if name in message.lower():
+                why = message.partition(" in ")[2] or message  # drop GDAL's error code
                 raise OutputError(f"creation option {name} is refused by GDAL: {why}")

@@ -1,4 +1,4 @@
-"""One layer of a mesh into one file, in any of the formats."""
+"""Write one layer of a mesh to one file, in any format."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ if TYPE_CHECKING:
 
 _thread = threading.local()
 
-# pyogrio keeps the interpreter's lock anyway, and filters of warnings belong to the process.
+# pyogrio holds the interpreter lock anyway, and warning filters apply to the whole process.
 _in_process = threading.Lock()
 
 
 def write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | None) -> None:
-    """Write one layer of a mesh to a file, and check that all rows arrived there.
+    """Write one layer of a mesh to a file, and check that the file has all rows.
 
     Parameters
     ----------
     file : LayerFile
     stream : BatchStream
-        Gives the rows.
+        Yields the rows.
     writer_pool : WriterPool, optional
-        Processes that write what GDAL writes; this process by default.
+        Processes for the formats that GDAL writes; by default this process writes.
 
     Raises
     ------
     OSError
-        If rows are missing.
+        If rows are missing in the file.
     OutputError
-        If the format cannot hold one of the columns.
+        If the format cannot store one of the columns.
     GeoreferenceError
-        If GeoJSON is asked for and the nodes have no longitude and latitude.
+        If the format is GeoJSON and the nodes have no longitude and latitude.
     """
     layer = file.format.layer(file.mesh, file.name)
     _check_columns(layer, file.format)
     file.format.write(layer, file, stream, writer_pool.write if writer_pool else _write_here)
     found = file.format.count_rows(file.path, file.name)
     if found != len(layer):
-        raise OSError(f"only {found} of {len(layer)} {file.name} arrived in the file")
+        raise OSError(f"the file has only {found} of {len(layer)} {file.name}")
 
 
 def _check_columns(layer: Layer, file_format: Format) -> None:
-    """Refuse names that the format takes for itself or cannot tell apart."""
+    """Refuse column names that the format reserves or cannot distinguish."""
     taken = {file_format.geometry, *file_format.reserved}
     for name in layer.columns:
         key = name.lower() if file_format.ignores_case else name
         if key in taken:
             raise OutputError(
-                f"{file_format.driver} cannot hold a column {name!r} in {layer.name}: "
+                f"{file_format.driver} cannot store the column {name!r} of the {layer.name}: "
                 "rename the band or the attribute"
             )
         taken.add(key)
@@ -76,9 +76,10 @@ def _write_here(
 
 
 def _quiet_gdal() -> None:
-    """Keep GDAL from printing errors: pyogrio raises them, but hushes the main thread alone.
+    """Keep GDAL from printing errors in this thread: pyogrio raises them anyway.
 
-    It has no public way to do so in another; without this one the lines appear as well.
+    pyogrio itself silences GDAL only in the main thread, and has no public function for other
+    threads. If this private function is missing, errors are also printed.
     """
     if not getattr(_thread, "is_quiet", False):
         with suppress(ImportError):

@@ -1,4 +1,4 @@
-"""Pictures as files: checked before the work, there as a whole or not at all."""
+"""Save figures as image files: checked before the work, and written atomically."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 
 def check_picture(path: str | PathLike[str], *, overwrite: bool) -> None:
-    """Refuse a picture that could not be written, before any work is done.
+    """Raise OutputError if the picture cannot be written; call this before any work is done.
 
     Raises
     ------
     OutputError
+        If `path` has an unknown extension, exists (unless `overwrite`), or cannot be written.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in PICTURES:
@@ -30,12 +31,12 @@ def check_picture(path: str | PathLike[str], *, overwrite: bool) -> None:
 
 
 def save_picture(figure: Figure, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-    """Save a figure at print resolution; the format follows the extension.
+    """Save a figure at print resolution, in the format of the extension.
 
     Raises
     ------
     OutputError
-        If it cannot be written; an old file stays as it was.
+        If the figure cannot be written; then an existing file does not change.
     """
     check_picture(path, overwrite=overwrite)
     target = Path(path)

@@ -1,4 +1,4 @@
-"""Reading back a mesh that geomesh wrote as a GeoPackage, with nothing lost."""
+"""Read a mesh from a GeoPackage that geomesh wrote, without any loss."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _CORNERS = ("n0", "n1", "n2")
 
 
 def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
-    """Return the mesh in a GeoPackage that `geomesh.io.write.write_mesh` made.
+    """Return the mesh in a GeoPackage that `geomesh.io.write.write_mesh` wrote.
 
-    Nodes are taken from their `col` and `row`, not from the geometry, so they are
-    the same to the last bit. Constraints come in the order of the edges, the lower
+    Node coordinates are read from the columns `col` and `row`, not from the geometry, so they
+    are the same to the last bit. Constraints are in the order of the edges, with the lower
     node id first.
 
     Parameters
@@ -49,8 +49,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     Raises
     ------
     MeshFileError
-        If the file is missing, is not a GeoPackage of geomesh, lacks the nodes or
-        the triangles, or had rows or columns removed since it was written.
+        If the file does not exist, is not a GeoPackage of geomesh, has no nodes or no
+        triangles, or if rows or columns were removed after it was written.
     """
     source = Path(path)
     layers = _find_layers(source)
@@ -66,7 +66,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     corners = np.column_stack([triangles.pop(name) for name in _CORNERS])
     if corners.min(initial=0) < 0 or corners.max(initial=0) >= stored["counts"]["nodes"]:
         raise MeshFileError(
-            f"{path} has triangles of nodes that do not exist; use the file that geomesh wrote"
+            f"{path} has triangles with nodes that do not exist; use the file that geomesh wrote"
         )
     grid = stored["grid"]
     return TriangleMesh(
@@ -95,25 +95,25 @@ def _read_provenance(path: str | PathLike[str], document: dict[str, Any]) -> Pro
         return Provenance.from_dict(document)
     except (KeyError, TypeError, ValueError, GeomeshError) as error:
         raise MeshFileError(
-            f"{path} does not tell how its mesh was made ({one_line(error)}); use the file that "
-            "geomesh wrote"
+            f"{path} has no complete description of how its mesh was made ({one_line(error)}); "
+            "use the file that geomesh wrote"
         ) from error
 
 
 def _find_layers(path: Path) -> set[str]:
     if not path.exists():
-        raise MeshFileError(f"{path} does not exist")
+        raise MeshFileError(f"{path} does not exist; check the path")
     try:
         layers = {str(name) for name, _ in pyogrio.list_layers(plain_name(path))}
         driver = pyogrio.read_info(plain_name(path), layer=min(layers))["driver"] if layers else ""
     except (DataSourceError, DataLayerError) as error:
         raise MeshFileError(
-            f"{path} cannot be read as a GeoPackage; name a .gpkg that geomesh wrote"
+            f"{path} cannot be read as a GeoPackage; use a .gpkg that geomesh wrote"
         ) from error
     if driver != "GPKG":
         raise MeshFileError(
-            f"{path} is not a GeoPackage ({driver or 'it is empty'}); meshes are read back "
-            "from the .gpkg only"
+            f"{path} is not a GeoPackage ({driver or 'it is empty'}); geomesh can read meshes "
+            "only from the .gpkg that it wrote"
         )
     return layers
 
@@ -124,7 +124,7 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     MeshFileError
-        If the file is missing, or is not a GeoPackage of geomesh.
+        If the file does not exist, or is not a GeoPackage of geomesh.
     """
     layer = min(_find_layers(Path(path)))
     metadata = pyogrio.read_info(plain_name(path), layer=layer)["layer_metadata"] or {}
@@ -133,13 +133,13 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
         version = document["mesh"]["format"]
     except (KeyError, TypeError, ValueError) as error:
         raise MeshFileError(
-            f"{path} has no metadata of geomesh: it was made or saved anew by another program; "
+            f"{path} has no metadata of geomesh: another program made it or saved it again; "
             "use the file that geomesh wrote"
         ) from error
     if version > FORMAT:
         raise MeshFileError(
             f"{path} was written by geomesh {document.get('geomesh')}, which is newer than this "
-            "one; upgrade geomesh"
+            "version; upgrade geomesh"
         )
     return document
 
@@ -147,19 +147,20 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
 def _read_columns(
     path: Path, layer: str, own: dict[str, str], stored: dict[str, Any]
 ) -> dict[str, NDArray[Any]]:
-    """Columns of a layer in the order of ids, each of the dtype that it had.
+    """Return the columns of a layer in the order of ids, with their original dtypes.
 
-    `own` names the columns that hold the geometry, with their dtypes.
+    `own` gives the columns that define the geometry, with their dtypes.
     """
     dtypes = own | dict(stored["columns"][layer])
     table = _read_layer(path, layer, list(dtypes), stored["counts"][layer])
     columns = {}
     for name, text in dtypes.items():
         dtype = np.dtype(text)
-        # Null among floats is NaN; elsewhere, or in a geometry, a value was removed.
+        # In a float column null means NaN. In other columns, and in columns that define the
+        # geometry, null means that a value was removed.
         if table[name].null_count and (name in own or dtype.kind != "f"):
             raise MeshFileError(
-                f"{path} has {layer} without {name!r}: values were removed; "
+                f"{path} has {layer} without a value of {name!r}: values were removed; "
                 "use the file that geomesh wrote"
             )
         columns[name] = table[name].to_numpy().astype(dtype)
@@ -175,7 +176,7 @@ def _read_layer(path: Path, layer: str, names: list[str], rows: int) -> pa.Table
     missing = [name for name in ("id", *names) if name not in table.column_names]
     if missing:
         raise MeshFileError(
-            f"{path} lacks the columns {', '.join(missing)} in {layer}: they were removed; "
+            f"{path} has no columns {', '.join(missing)} in {layer}: they were removed; "
             "use the file that geomesh wrote"
         )
     table = table.sort_by("id")
@@ -190,7 +191,10 @@ def _read_layer(path: Path, layer: str, names: list[str], rows: int) -> pa.Table
 def _read_constraints(
     path: Path, layers: set[str], triangles: NDArray[np.int32], stored: dict[str, Any]
 ) -> NDArray[np.int32]:
-    """Node pairs, from the edges; without them the boundary, which they are by certificate."""
+    """Return the constrained node pairs from the layer of edges.
+
+    Without that layer, return the boundary edges: the certificate says that they are the same.
+    """
     edges = build_edges(triangles)
     chosen = np.zeros(len(edges.nodes), np.bool_)
     if "edges" in layers:

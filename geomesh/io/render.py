@@ -1,4 +1,4 @@
-"""A mesh painted on the pixels of its raster: a GeoTIFF, there whole or not at all."""
+"""Render a mesh on the pixels of its raster, as a GeoTIFF that is written atomically."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def render_file(
     workers: int | None = None,
     progress: bool | Progress = False,
 ) -> Fidelity:
-    """Paint a mesh as a GeoTIFF on the pixels of its raster; return how faithful that is.
+    """Paint a mesh on the pixels of its raster, as a GeoTIFF, and return its fidelity.
 
-    The file has the mesh's part of the raster's grid, the raster's type, the bands, and what
-    the raster says of them. Integers are rounded, and cut off at what the type can hold.
-    Where no triangle owns the pixel there is the raster's nodata value; if it has none, the
-    file has a mask.
+    The file has the grid of the mesh, which is a part of the raster's grid. It has the data
+    type, the bands and the band metadata of the raster. Integers are rounded and clipped to
+    the limits of the type. Pixels that no triangle owns get the raster's nodata value; if it
+    has none, the file has a mask.
 
     Parameters
     ----------
@@ -69,22 +69,23 @@ def render_file(
     source, model, fit, bidx, crs, workers, progress
         As in `geomesh.surface.fidelity.measure_fidelity`.
     path : path-like
-        Ends in .tif or .tiff.
+        Must end in .tif or .tiff.
     creation : mapping of str to str, optional
-        Creation options of GDAL's GTiff driver, such as ``{"COMPRESS": "ZSTD"}``; compressed
-        tiles of 256 x 256 pixels by default.
+        Creation options of GDAL's GTiff driver, such as ``{"COMPRESS": "ZSTD"}``. By default
+        the file has compressed tiles of 256 x 256 pixels.
     overwrite : bool
-        Replace an existing file, at the very end.
+        Replace an existing file, as the last step.
 
     Returns
     -------
     Fidelity
-        Of the file as it is read back.
+        Measured on the finished file, which is read again.
 
     Raises
     ------
     GeomeshError
-        With one line that says what is wrong and what to do; an old file stays as it was.
+        With one line that says what is wrong and what to do; then an existing file does not
+        change.
     """
     target, options = Path(path), choose_options(creation or {})
     check_geotiff(target, overwrite=overwrite)
@@ -109,13 +110,13 @@ def render_file(
         try:
             shown = open_scene(temporary, name=str(target))
         except SourceError as error:
-            raise _spoilt(target) from error
+            raise _damaged(target) from error
         return _read_back(shown, sums, is_exact(options), scene, pool, part_of(report, 0.9, 1))
 
 
 @dataclass(frozen=True)
 class _Painter:
-    """Paints a tile: its window, its pixels and which of them the mesh covers."""
+    """Paint a tile; return its window, its pixels and which of them the mesh covers."""
 
     style: Style
 
@@ -134,7 +135,7 @@ def _write(
     workers: Workers,
     progress: Progress,
 ) -> list[Sums]:
-    """Write the picture; return the checksums of its tiles."""
+    """Write the image and return the checksums of its tiles."""
     style = find_style(scene)
     sums = []
     with create_like(path, scene, style, options) as dataset:
@@ -149,7 +150,7 @@ def _write(
 
 
 def _checksums(pixels: NDArray[Any], known: NDArray[np.bool_]) -> Sums:
-    """Return the checksums of a tile: of its pixels, and of which of them the mesh covers."""
+    """Return two checksums of a tile: of its pixels, and of the mask of covered pixels."""
     return crc32(pixels.data), crc32(known.data)
 
 
@@ -161,9 +162,9 @@ def _read_back(
     workers: Workers,
     progress: Progress,
 ) -> Fidelity:
-    """Compare the file with the raster, once it is known to be whole.
+    """Check that the file is complete, and compare it with the raster.
 
-    On a full disk GDAL may lose what it writes when it closes the file, and not tell.
+    On a full disk, GDAL may lose data when it closes the file, without an error.
     """
     tiles = plan_tiles(scene.grid.extent, halo=0)
     tasks = (
@@ -182,16 +183,16 @@ def _compare_tile(task: tuple[Scene, Sums, bool, Scene, Tile]) -> ErrorSums:
     try:
         pixels, known = shown.read(tile.core)
     except SourceError as error:
-        raise _spoilt(shown.name) from error
+        raise _damaged(shown.name) from error
     found = _checksums(pixels, known)
     if found != expected and (exact or found[1] != expected[1]):
-        raise _spoilt(shown.name)
+        raise _damaged(shown.name)
     bands, valid = scene.read(tile.core)
     return sum_errors(pixels, bands, valid & known)
 
 
-def _spoilt(target: str | Path) -> OutputError:
+def _damaged(target: str | Path) -> OutputError:
     return OutputError(
-        f"{target} does not read back as it was written: free some space, or choose another "
+        f"{target} does not contain what was written to it: free some space, or choose another "
         "folder or other creation options"
     )

@@ -1,4 +1,4 @@
-"""Writing a mesh to a file, which is there whole and certified or not at all."""
+"""Write a mesh to a file, atomically, and only if it passes its certificate."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.progress import Progress
 
-# Seconds between looks for Ctrl-C, and those granted to threads that were told to stop.
-_LOOK = 0.5
+# Seconds between two checks for Ctrl-C, and seconds to wait for threads after `stop`.
+_POLL = 0.5
 _GRACE = 1.0
 
 
 def check_output(
     path: str | PathLike[str], *, overwrite: bool = False, driver: str | None = None
 ) -> None:
-    """Refuse an output that could not be written; meant to be called before any work.
+    """Raise OutputError if the output cannot be written; call this before any work is done.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def check_output(
     overwrite : bool
         Whether an existing file may be replaced.
     driver : str, optional
-        Name of a format (see docs/formats.md); by the extension of `path` if not given.
+        Name of a format (see docs/formats.md); by default chosen by the extension of `path`.
 
     Raises
     ------
     OutputError
-        If the format is unknown, the file exists, or its folder is missing or
-        cannot be written to.
+        If the format is unknown, the file exists, or its folder does not exist or cannot be
+        written to.
     """
     find_format(path, driver)
     check_place(Path(path), overwrite=overwrite)
@@ -62,21 +62,21 @@ def write_mesh(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a mesh that passes its certificate; the file is there whole or not at all.
+    """Write a mesh if it passes its certificate; the file is complete or does not exist.
 
     Parameters
     ----------
     mesh : TriangleMesh
     path : path-like
     layers : iterable of {"triangles", "edges", "nodes"}, optional
-        All three by default in a GeoPackage, else the triangles: the other formats
-        hold one layer.
+        By default all three in a GeoPackage, else the triangles: the other formats can store
+        only one layer.
     driver : str, optional
-        Name of a format (see docs/formats.md); by the extension of `path` if not given.
+        Name of a format (see docs/formats.md); by default chosen by the extension of `path`.
     overwrite : bool
-        Replace an existing file, at the very end.
+        Replace an existing file, as the last step.
     progress : callable(fraction, message), optional
-        Called after each batch of rows; an exception in it stops the writing.
+        Called after each batch of rows. An exception in it stops the writing.
 
     Returns
     -------
@@ -86,11 +86,11 @@ def write_mesh(
     Raises
     ------
     OutputError
-        If the output cannot be written; what was there before is untouched.
+        If the output cannot be written; then an existing file does not change.
     CertificateError
         If the mesh fails one of its checks.
     GeoreferenceError
-        If GeoJSON is asked for and the nodes have no longitude and latitude.
+        If the format is GeoJSON and the nodes have no longitude and latitude.
     """
     with open_writer(path, layers=layers, driver=driver, overwrite=overwrite) as writer:
         writer.finish(mesh, progress or (lambda _fraction, _message: None))
@@ -106,14 +106,14 @@ def open_writer(
     overwrite: bool = False,
     writer_pool: WriterPool | None = None,
 ) -> Iterator[MeshWriter]:
-    """Yield a writer of one mesh; its file is put in place when the block ends well.
+    """Yield a writer for one mesh; the file appears at `path` if the block ends without error.
 
     Parameters
     ----------
     path, layers, driver, overwrite
-        As in `write_mesh`, which tells the errors, too.
+        As in `write_mesh`, which also lists the errors.
     writer_pool : WriterPool, optional
-        Processes to write the layers, side by side; without any this one does it.
+        Processes that write the layers in parallel; by default this process writes them.
     """
     target = Path(path)
     check_output(target, overwrite=overwrite, driver=driver)
@@ -129,14 +129,14 @@ def open_writer(
 
 
 class MeshWriter:
-    """Writes the layers of a mesh, each on a thread, beside the work on the mesh itself.
+    """Writes the layers of a mesh in threads, while other threads work on the mesh itself.
 
     Parameters
     ----------
     target : Path
-        What messages call the file.
+        The name of the file in messages.
     path : Path
-        Where to write it.
+        The temporary file to write to.
     names : list of {"triangles", "edges", "nodes"}
     file_format : Format
     writer_pool : WriterPool, optional
@@ -157,38 +157,39 @@ class MeshWriter:
         self._writer_pool = writer_pool
         writers = writer_pool.count if writer_pool is not None else 1
         self._joining = file_format.joining
-        self._apart = (
+        self._separate_files = (
             self._joining is not None
             and min(writers, len(names)) > 1
             and self._joining.is_possible()
         )
-        # Not the workers' threads: these wait for the writers, and tiles should not wait for them.
-        # A file has one writer.
-        self._threads = ThreadPoolExecutor(writers if self._apart else 1, "geomesh-layer")
+        # Own threads, not those of the workers: they wait for the writers, and tiles should not
+        # have to wait. A file can have only one writer.
+        self._threads = ThreadPoolExecutor(writers if self._separate_files else 1, "geomesh-layer")
         self._streams: dict[LayerName, BatchStream] = {}
         self._written: dict[LayerName, Future[None]] = {}
-        self._news: SimpleQueue[None] = SimpleQueue()
+        # Gets an entry after each batch and each layer.
+        self._events: SimpleQueue[None] = SimpleQueue()
         if writer_pool is not None and file_format.by_gdal:
             writer_pool.warm()
 
     def begin(self, mesh: TriangleMesh) -> None:
-        """Start on the edges, which need no statistics, where the format holds several layers.
+        """Start to write the edges, which need no statistics, if the format has several layers.
 
         Parameters
         ----------
         mesh : TriangleMesh
-            Final but for its tables and metadata.
+            Its geometry is final; its tables and metadata need not be.
         """
         if self._joining is not None and "edges" in self._names:
             self._start(mesh, "edges", PENDING)
 
     def finish(self, mesh: TriangleMesh, progress: Progress) -> None:
-        """Write the mesh if it passes its certificate; raise as `write_mesh` does."""
+        """Write the mesh if it passes its certificate; raise the errors of `write_mesh`."""
         progress(0.0, "Writing")
         if self._joining is not None:
             for name in self._names:
                 self._start(mesh, name, PENDING)
-        # Not in this thread: a Ctrl-C while compiled code is loaded comes out as another error.
+        # In another thread: Ctrl-C while compiled code is loaded would raise another error.
         with ThreadPoolExecutor(1, "geomesh-certificate") as thread:
             certificate = thread.submit(mesh.certify).result()
         certificate.require()
@@ -198,11 +199,11 @@ class MeshWriter:
         self._await(len(mesh.nodes), len(mesh.triangles), progress)
         if self._joining is not None:
             with self._one_line_failures():
-                self._joining.finish(self._path, self._names, self._others(), document)
+                self._joining.finish(self._path, self._names, self._extra_paths(), document)
         progress(1.0, "Written")
 
     def stop(self) -> None:
-        """Stop what is still being written."""
+        """Stop the writing of unfinished layers."""
         for stream in self._streams.values():
             stream.stop()
         if self._writer_pool is not None:
@@ -213,22 +214,22 @@ class MeshWriter:
 
     def _start(self, mesh: TriangleMesh, name: LayerName, document: str) -> None:
         if name not in self._streams:
-            stream = self._streams[name] = BatchStream(self._news)
-            path = self._others().get(name, self._path)
+            stream = self._streams[name] = BatchStream(self._events)
+            path = self._extra_paths().get(name, self._path)
             file = LayerFile(mesh, name, path, self._format, document)
             self._written[name] = self._threads.submit(
                 _write_layer, file, stream, self._writer_pool
             )
-            self._written[name].add_done_callback(lambda _: self._news.put(None))
+            self._written[name].add_done_callback(lambda _: self._events.put(None))
 
-    def _others(self) -> dict[LayerName, Path]:
-        """Return the layers that get a file of their own first, and these files."""
-        apart = self._names[1:] if self._apart else []
-        return {name: self._path.with_name(f"{name}{self._path.suffix}") for name in apart}
+    def _extra_paths(self) -> dict[LayerName, Path]:
+        """Return the layers that are first written to separate files, and these files."""
+        names = self._names[1:] if self._separate_files else []
+        return {name: self._path.with_name(f"{name}{self._path.suffix}") for name in names}
 
     def _await(self, nodes: int, triangles: int, progress: Progress) -> None:
-        """Wait for all layers, and report each batch."""
-        # About: by how many the edges are fewer than these two depends on the holes.
+        """Wait until all layers are written, and report progress after each batch."""
+        # Approximate: the exact number of edges depends on the components and holes.
         sizes = {"nodes": nodes, "triangles": triangles, "edges": nodes + triangles}
         total = sum(sizes[name] for name in self._names)
         while True:
@@ -244,11 +245,11 @@ class MeshWriter:
             if not running:
                 return
             with suppress(Empty):
-                self._news.get(timeout=_LOOK)
+                self._events.get(timeout=_POLL)
 
     @contextmanager
     def _one_line_failures(self) -> Iterator[None]:
-        """Raise OutputError for what a library says of a failed write, and pass on all else."""
+        """Turn a library's error of a failed write into OutputError; pass on other errors."""
         with writing_to(self._target, "pyogrio", "pyarrow", "sqlite3"):
             try:
                 yield
@@ -260,12 +261,12 @@ class MeshWriter:
 
 
 def choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
-    """Return the layers to write, in their order; by default all that the format holds in one file.
+    """Return the layers to write, in order; by default all that one file of the format can store.
 
     Raises
     ------
     OutputError
-        If one does not exist, or the format cannot hold them.
+        If a layer does not exist, or the format cannot store the layers.
     """
     if layers is None:
         return list(LAYERS if file_format.joining is not None else LAYERS[:1])
@@ -275,7 +276,7 @@ def choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> li
             raise OutputError(f"there is no layer {name!r}; choose from {', '.join(LAYERS)}")
         if name not in file_format.layers:
             raise OutputError(
-                f"{file_format.driver} holds {', '.join(file_format.layers)}, not {name}; "
+                f"{file_format.driver} can store {', '.join(file_format.layers)}, not {name}; "
                 "write .gpkg for all layers"
             )
     if not asked:
@@ -283,14 +284,14 @@ def choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> li
     chosen = [name for name in LAYERS if name in asked]
     if len(chosen) > 1 and file_format.joining is None:
         raise OutputError(
-            f"{file_format.driver} holds one layer, not {', '.join(chosen)}; "
+            f"{file_format.driver} can store one layer, not {', '.join(chosen)}; "
             "choose one of them, or write .gpkg"
         )
     return chosen
 
 
 def _write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | None) -> None:
-    # What writes files is loaded by the thread that needs it.
+    # Imported here, so that the thread that writes loads the libraries for it.
     from geomesh.io.layer import write_layer
 
     write_layer(file, stream, writer_pool)

@@ -1,4 +1,4 @@
-"""The certificate: what was checked of a mesh before anyone may rely on it."""
+"""The certificate: the checks that a mesh must pass before it is written."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from geomesh.errors import CertificateError
 
 @dataclass(frozen=True)
 class DomainFacts:
-    """What is known, before triangulating, of the area that a mesh must cover.
+    """Facts about the area that a mesh must cover, known before the triangulation.
 
     Parameters
     ----------
@@ -19,16 +19,17 @@ class DomainFacts:
     area : float
         Area inside the outline, in square pixels.
     components, holes : int
-        Number of outer and of inner outline loops.
+        Number of outer and inner loops of the outline.
     valid_pixels : int
-        Valid pixels of the scene.
+        Number of valid pixels of the scene.
     pixels : int, optional
-        Pixels whose centre the outline encloses; None where the outline does not
-        follow pixels (`hull`).
+        Number of pixels whose centre is inside the outline; None if the outline does
+        not follow pixels (`hull`).
     islands_dropped, holes_bridged : int
-        Islands of data and holes of nodata smaller than the recipe's `min_hole`.
+        Number of islands of data, and of holes of nodata, that were removed because they
+        are smaller than the recipe's `min_hole`.
     pixels_dropped : int
-        Pixels in those islands, less the pixels in those holes.
+        Number of pixels in those islands minus the number of pixels in those holes.
     """
 
     kind: str
@@ -44,14 +45,16 @@ class DomainFacts:
 
 @dataclass(frozen=True)
 class Check:
-    """One statement about a mesh, whether it holds, and the figures behind it.
+    """One statement about a mesh, and whether it is true.
 
     Parameters
     ----------
     name : str
         The statement.
     passed : bool
+        Whether the statement is true.
     detail : str
+        The numbers that were compared.
     """
 
     name: str
@@ -61,14 +64,14 @@ class Check:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The outcome of all checks; `passed` only if every one of them is.
+    """The results of all checks of a mesh.
 
     Parameters
     ----------
     checks : tuple of Check
     min_angle : float
         Smallest angle of all triangles, in degrees, in the plane of the image that the
-        pipeline worked on; NaN without triangles.
+        pipeline worked on; NaN if there are no triangles.
     """
 
     checks: tuple[Check, ...]
@@ -80,11 +83,11 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether every check holds."""
+        """True if every check passed."""
         return all(check.passed for check in self.checks)
 
     def require(self) -> None:
-        """Raise CertificateError naming the checks that failed, if any did."""
+        """Raise CertificateError, with the names of the failed checks, if any check failed."""
         failed = [f"{check.name} ({check.detail})" for check in self.checks if not check.passed]
         if failed:
             raise CertificateError(

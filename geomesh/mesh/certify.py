@@ -1,7 +1,7 @@
-"""The checks behind a certificate.
+"""The checks of a certificate.
 
-Each is independent of how the mesh was made: it looks at the finished arrays and at
-a few numbers known beforehand about the area to be covered.
+They do not depend on how the mesh was made: they use only the finished arrays and a few
+numbers about the area to cover that were known before the triangulation.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from geomesh.mesh.provenance import PixelCounts
 
-# Bounds on the rounding error of the two predicates in float64, relative to the
-# sum of the absolute values of their terms (Shewchuk 1997, error bounds A).
+# Bound on the rounding error of the in-circle determinant in float64, relative to the
+# sum of the absolute values of its terms (Shewchuk 1997, error bound A).
 _EPSILON = 2.0**-53
 _INCIRCLE_ERROR = (10 + 96 * _EPSILON) * _EPSILON
 _AREA_TOLERANCE = 1e-9
@@ -41,7 +41,7 @@ def certify(
     pixels: PixelCounts | None = None,
     edges: Edges | None = None,
 ) -> Certificate:
-    """Check a triangulation of pixel-edge coordinates.
+    """Check a triangulation and return its certificate.
 
     Parameters
     ----------
@@ -49,16 +49,16 @@ def certify(
         Pixel-edge coordinates.
     triangles : int32 (T, 3)
     constraints : int32 (C, 2)
-        Node pairs that had to become edges.
+        Pairs of nodes that must be edges.
     plane_scale : (float, float)
-        Factors in x and y from pixels to the plane that was triangulated.
+        Factors in x and y from pixels to the plane in which the nodes were triangulated.
     counter_clockwise : bool
-        Orientation expected in (x, y) pixel numbers.
+        Whether triangles should be counter-clockwise in (x, y) pixel coordinates.
     domain : DomainFacts
     pixels : PixelCounts, optional
-        As the statistics found them; None for a mesh without a raster.
+        What the band statistics counted; None for a mesh without a raster.
     edges : Edges, optional
-        Of the triangles, if they are known.
+        The edges of the triangles, if they are known.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:
@@ -99,12 +99,12 @@ def _check_nodes(nodes: NDArray[np.float64], used: NDArray[np.bool_], triangle_c
 
 
 def _count_duplicates(nodes: NDArray[np.float64]) -> int:
-    """Return how many nodes lie where another one before them does."""
+    """Return the number of nodes at the position of an earlier node."""
     x, y = nodes.T
-    # Where each comes after the one before it, by y, then x, all are distinct.
+    # If the nodes are strictly sorted by y, then x, all are distinct.
     if ((y[1:] > y[:-1]) | ((y[1:] == y[:-1]) & (x[1:] > x[:-1]))).all():
         return 0
-    # As complex numbers points are ordered by x, then y: equal ones meet.
+    # Complex numbers are sorted by x, then y, so equal points become neighbours.
     points = np.sort(np.ascontiguousarray(nodes).view(np.complex128)[:, 0])
     return int(np.count_nonzero(points[1:] == points[:-1]))
 
@@ -157,8 +157,8 @@ def _check_euler(
     used: NDArray[np.bool_], triangle_count: int, edges: Edges, domain: DomainFacts
 ) -> Check:
     number = int(np.count_nonzero(used)) - len(edges.nodes) + triangle_count
-    # Where the outline touches itself in a node, the closed area has one loop more
-    # than its interior: each further visit lowers the number by one.
+    # Where the outline touches itself in a node, the closed area has one loop more than
+    # its interior. So each additional visit of a node lowers the Euler number by one.
     visits = np.bincount(edges.nodes[edges.uses == 1].ravel())
     pinches = int((visits[visits > 0] // 2 - 1).sum())
     expected = domain.components - domain.holes - pinches
@@ -175,17 +175,17 @@ def _check_delaunay(
     edges: Edges,
     fixed: NDArray[np.intp],
 ) -> Check:
-    """Every inner edge that is no constraint passes the in-circle test.
+    """Check that every inner edge that is not a constraint passes the in-circle test.
 
-    For a triangulation that is locally Delaunay at each edge, no circumcircle
-    holds any visible node (Chew 1989). A test within its own rounding error is a
-    tie: the four nodes are cocircular as far as float64 can tell.
+    If a triangulation is locally Delaunay at each edge, no circumcircle contains a
+    visible node (Chew 1989). If the value of a test is within its rounding error, the
+    edge counts as a tie: in float64 the four nodes cannot be told from cocircular ones.
     """
     inner = edges.uses == 2
     free = inner.copy()
     free[fixed[fixed != FILL]] = False
     constrained = np.count_nonzero(inner) - np.count_nonzero(free)
-    # An edge used twice in one direction has no far side; the manifold check tells of it.
+    # An edge used twice in one direction has no other side; the manifold check reports it.
     free &= (edges.left != FILL) & (edges.right != FILL)
     counts = np.zeros(2, np.int64)
     _test_circles(points, triangles, *edges[:3], np.flatnonzero(free).astype(np.int64), counts)
@@ -218,10 +218,10 @@ def _test_circles(
     free: NDArray[np.int64],
     counts: NDArray[np.int64],
 ) -> None:
-    """Count violations and ties of apexes of right triangles with circles of left ones.
+    """Count the right triangles' apexes inside and on the left triangles' circles.
 
-    The in-circle determinant, of the left triangle's corners seen from the apex, is
-    positive inside once it has the sign of that triangle's area.
+    The determinant of the left corners, relative to the apex, is positive inside the circle
+    once it is multiplied by the sign of the left triangle's area.
     """
     for i in range(len(free)):
         edge = free[i]
@@ -244,7 +244,7 @@ def _test_circles(
 
 
 def _check_pixels(pixels: PixelCounts | None, domain: DomainFacts) -> Check:
-    """Compare three independent counts: pixels in triangles, in the outline, and valid ones."""
+    """Compare three independent counts: pixels in triangles, in the outline, valid pixels."""
     name = "each pixel of the domain lies in one triangle, none outside it"
     if pixels is None:
         return Check(name, True, "not checked: the mesh was made without a raster")
@@ -266,7 +266,7 @@ def _check_pixels(pixels: PixelCounts | None, domain: DomainFacts) -> Check:
 
 
 def _check_angles(angle_sums: NDArray[np.float64], edges: Edges, domain: DomainFacts) -> Check:
-    """Angles around an inner node make one turn; on a hull's boundary, half a turn at most."""
+    """Check that angles sum to 360 degrees at inner nodes, at most 180 on a hull's boundary."""
     border = np.zeros(len(angle_sums), np.bool_)
     border[edges.nodes[edges.uses == 1]] = True
     inner = ~border & (angle_sums > 0)
@@ -283,7 +283,7 @@ def _check_angles(angle_sums: NDArray[np.float64], edges: Edges, domain: DomainF
 def _angles(
     points: NDArray[np.float64], triangles: NDArray[np.int32]
 ) -> tuple[NDArray[np.float64], float]:
-    """Sum of the angles around each node, and the least of all (NaN of none), in radians."""
+    """Return the angle sum of each node and the smallest angle (NaN of none), in radians."""
     sums, least = np.zeros(len(points)), math.inf if len(triangles) else math.nan
     for block in blocks(len(triangles)):
         angles = np.arctan2(*_products(points[triangles[block]]))
@@ -293,7 +293,7 @@ def _angles(
 
 
 def _products(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Size of the cross product, and dot product, of the sides at each of the corners (T, 3, 2)."""
+    """Return cross (absolute) and dot products (T, 3) of the sides at corners (T, 3, 2)."""
     u = corners[:, [1, 2, 0]] - corners
     v = corners[:, [2, 0, 1]] - corners
     cross = np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])

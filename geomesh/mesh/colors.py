@@ -1,4 +1,4 @@
-"""Colours of triangles: as text, as bytes, and brightened for the screen."""
+"""Colours of triangles: convert text to bytes and back, and brighten them for the screen."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ _BRIGHTEST = 99
 
 
 def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return 8-bit colours (..., 3), those of a dark image scaled up together.
+    """Return 8-bit colours (..., 3), brightened if the image is dark.
 
-    Raw 8-bit satellite bands use the lower part of the range only; what is bright
-    enough stays as it is.
+    Raw 8-bit satellite bands often use only the lower part of the range. All colours are
+    multiplied by one factor, which is 1 if the image is bright enough.
     """
     greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
     return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
 
 
 def parse_colors(colors: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return red, green and blue (n, 3) of colours '#rrggbb' (n,)."""
+    """Return the red, green and blue bytes (n, 3) of colours '#rrggbb' (n,)."""
     names, where = np.unique(colors.astype("U7"), return_inverse=True)
     rgb = [tuple(bytes.fromhex(name[1:])) for name in names.tolist()]
     return np.array(rgb, np.uint8).reshape(-1, 3)[where]
 
 
 def format_colors(rgb: NDArray[np.uint8]) -> NDArray[np.str_]:
-    """Return colours (T, 3) as '#rrggbb', dtype '<U7'."""
+    """Return colours (T, 3) as text '#rrggbb' (T,), dtype '<U7'."""
     digits = np.frombuffer(b"0123456789abcdef", np.uint8).astype("<u4")
     codes = np.empty((len(rgb), 7), "<u4")
     codes[:, 0] = ord("#")

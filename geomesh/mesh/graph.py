@@ -1,4 +1,4 @@
-"""The nodes of a mesh and its edges as a graph, in the types of other libraries."""
+"""A mesh as a graph of nodes and edges, for scipy, networkx or libpysal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ LIBRARIES = ("scipy", "networkx", "libpysal")
 
 
 def build_graph(places: Points, edges: Edges, library: str) -> Any:
-    """Return the graph of nodes at `places` (N, 2) on the map: see `TriangleMesh.to_graph`."""
+    """Return the graph of the nodes at map coordinates `places`: see `TriangleMesh.to_graph`.
+
+    Parameters
+    ----------
+    places : float64 (N, 2)
+    edges : Edges
+    library : {"scipy", "networkx", "libpysal"}
+    """
     from scipy import sparse
 
     if library not in LIBRARIES:

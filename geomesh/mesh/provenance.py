@@ -1,4 +1,4 @@
-"""Provenance: from which raster a mesh was made, how, and what was counted on the way."""
+"""Provenance: the raster and the settings that a mesh was made with, and pixel counts."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SourceBand:
-    """A band that was meshed.
+    """A band of the source from which a mesh was made.
 
     Parameters
     ----------
     name : str
-        Its column in the tables of the mesh.
+        Name of its columns in the tables of the mesh.
     index : int
         1-based number in the source.
     description : str or None
-        The source's own.
+        Description of the band in the source.
     """
 
     name: str
@@ -32,17 +32,17 @@ class SourceBand:
 
 @dataclass(frozen=True)
 class SourceRaster:
-    """What is needed to find the same pixels again.
+    """The information needed to read the same pixels of the source again.
 
     Parameters
     ----------
     name : str
     window : (int, int, int, int)
-        Column, row, width and height of the part that was meshed.
+        Column, row, width and height of the part from which the mesh was made.
     bands : tuple of SourceBand
         In the order in which they were read.
     nodata : float or None
-        The nodata value that was given in place of the source's own.
+        The nodata value that the user gave to replace the value of the source.
     area : str or None
         WKT of the area of interest, in pixel-edge coordinates of the source.
     """
@@ -56,7 +56,7 @@ class SourceRaster:
 
 @dataclass(frozen=True)
 class PixelCounts:
-    """Pixels whose centre a triangle owns, and the valid ones among them."""
+    """Number of pixels whose centre is in a triangle, and of the valid pixels among them."""
 
     covered: int
     counted: int
@@ -64,7 +64,7 @@ class PixelCounts:
 
 @dataclass(frozen=True)
 class CannyThresholds:
-    """Canny's hysteresis thresholds as they were used, in gray levels."""
+    """The hysteresis thresholds that Canny used, in gray levels."""
 
     low: float
     high: float
@@ -81,9 +81,9 @@ class Provenance:
     pixels : PixelCounts
     canny : CannyThresholds
     warnings : tuple of str
-        What the user was told.
+        The warnings that the user got.
     versions : mapping of str to str
-        Of geomesh and the libraries that a result may depend on.
+        Versions of geomesh and of the libraries that can change a result.
     """
 
     recipe: Recipe
@@ -105,7 +105,7 @@ class Provenance:
                 **source,
                 "window": list(self.source.window),
                 "bands": list(source["bands"]),
-                # As text: JSON has no NaN.
+                # Stored as text because JSON has no NaN.
                 "nodata": None if nodata is None else str(nodata),
             },
             "pixels": asdict(self.pixels),
@@ -116,12 +116,12 @@ class Provenance:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
-        """Return the provenance that `to_dict` wrote.
+        """Return the provenance from the values that `to_dict` returned.
 
         Raises
         ------
         KeyError, TypeError, ValueError, RecipeError
-            If something is missing, or is not what it should be.
+            If an entry is missing or not valid.
         """
         source = values["source"]
         nodata = source["nodata"]

@@ -1,13 +1,12 @@
-"""Quality: the paper's Ki and the standard measures of every triangle.
+"""Quality of triangles: the paper's Ki and standard measures.
 
-Ki = 2 CA BC / (CA + AB + BC) (eq. 10 of the paper) has the unit of length and
-degree 1: for meshes of one image with N nodes it falls as 1 / sqrt(N), so that
-by itself it ranks coarse meshes first. It also treats the side AB apart, the one
-missing from the numerator, so its value depends on which side is called AB. It is
-therefore reported with its labelling, the size of the image and N, and beside it
-Ki / sqrt(image area / N), which has no unit, and measures that do not change with
-scale. These are defined as in the Verdict library (Stimpson et al. 2007), with
-the equilateral triangle as the ideal.
+Ki = 2 CA BC / (CA + AB + BC) (eq. 10 of the paper) is a length. For meshes of one image
+with N nodes it decreases as 1 / sqrt(N), so Ki alone ranks coarse meshes first. The side
+AB is not in the numerator, so the value also depends on which side is called AB.
+Therefore Ki is reported together with its labelling, the size of the image and N.
+Reported too are Ki / sqrt(image area / N), which has no unit, and measures that do not
+change with scale. These measures are defined as in the Verdict library (Stimpson et al.
+2007); the equilateral triangle is the ideal.
 """
 
 from __future__ import annotations
@@ -44,15 +43,16 @@ class Quality:
     Parameters
     ----------
     table : Table
-        One row a triangle. Lengths ``ab`` (the shortest side), ``bc`` (the longest),
-        ``ca``, ``ki``, ``ki_min``, ``ki_mean`` are in the plane's unit, ``area`` in
-        its square, ``min_angle`` and ``max_angle`` in degrees; the others have no
-        unit and are 1 for an equilateral triangle (``equiangle_skew``: 0), save
-        ``relative_size_squared``, which is 1 for a triangle of mean area.
+        One row per triangle. ``ab`` (the shortest side), ``bc`` (the longest side),
+        ``ca``, ``ki``, ``ki_min`` and ``ki_mean`` are lengths in the unit of the plane,
+        ``area`` is in its square, ``min_angle`` and ``max_angle`` are in degrees. The
+        other measures have no unit. They are 1 for an equilateral triangle, with two
+        exceptions: ``equiangle_skew`` is 0 for it, and ``relative_size_squared`` is 1
+        for a triangle of mean area.
     nodes : int
         Number of nodes of the mesh.
     size : (float, float)
-        Width and height of the plane that lengths are taken in.
+        Width and height of the plane in which lengths are measured.
     """
 
     table: Table
@@ -63,9 +63,9 @@ class Quality:
         return f"<Quality: {self.table.length} triangles, {', '.join(self.table)}>"
 
     def summary(self) -> dict[str, Any]:
-        """Return figures over all triangles as plain JSON values.
+        """Return statistics over all triangles as plain JSON values.
 
-        Figures that are not finite (or of no triangle) are None.
+        Values that are not finite, and all values of a mesh without triangles, are None.
         """
         ki_scale = math.sqrt(self.size[0] * self.size[1] / self.nodes) if self.nodes else 0.0
         least = self.table["min_angle"]
@@ -86,9 +86,9 @@ class Quality:
 
 
 def ki(ab: ArrayLike, bc: ArrayLike, ca: ArrayLike) -> Floats:
-    """Return the paper's eq. (10), 2 CA BC / (CA + AB + BC), of lengths of any equal shape.
+    """Return Ki, 2 CA BC / (CA + AB + BC), eq. (10) of the paper.
 
-    Zero where all three lengths are.
+    The three arrays of lengths have the same shape. Ki is zero if all three lengths are.
     """
     ab, bc, ca = (np.asarray(length, dtype=np.float64) for length in (ab, bc, ca))
     return _ratio(2 * ca * bc, ca + ab + bc, 0.0)
@@ -100,16 +100,16 @@ def measure(points: Points, triangles: Triangles, *, size: tuple[float, float]) 
     Parameters
     ----------
     points : float64 (N, 2)
-        Node coordinates in the plane that lengths and angles are taken in.
+        Node coordinates in the plane in which lengths and angles are measured.
     triangles : int32 (T, 3)
-        Of either orientation.
+        In either orientation.
     size : (float, float)
         Width and height of that plane, in its unit.
 
     Returns
     -------
     Quality
-        A triangle without area has ratios of infinity and a shape of 0.
+        For a triangle without area the ratios are infinite and ``shape`` is 0.
     """
     columns = measure_each(points, triangles)
     area = columns["area"]
@@ -120,7 +120,7 @@ def measure(points: Points, triangles: Triangles, *, size: tuple[float, float]) 
 
 
 class _Shapes(NamedTuple):
-    """Sides (n,), area and angles of triangles: what their measures are made of."""
+    """Sides, area and angles of n triangles, (n,) each: the input of all measures."""
 
     ab: Floats
     bc: Floats
@@ -165,7 +165,10 @@ _MEASURES: dict[str, Callable[[_Shapes], Floats]] = {
 def measure_each(
     points: Points, triangles: Triangles, names: Iterable[str] = tuple(_MEASURES)
 ) -> dict[str, Floats]:
-    """Return the measures `names` (read-only, (T,)) that a triangle has by itself."""
+    """Return the measures `names`, (T,) each, that depend on one triangle only.
+
+    The arrays are read-only.
+    """
     columns = {name: np.empty(len(triangles)) for name in names}
     for block in blocks(len(triangles)):
         shapes = _shapes(points[triangles[block]])
@@ -177,15 +180,15 @@ def measure_each(
 
 
 def _shapes(corners: Floats) -> _Shapes:
-    """Return what is to be known of triangles (n, 3, 2)."""
-    # Side k lies opposite to corner k.
+    """Return sides, area and angles of triangles with corners (n, 3, 2)."""
+    # Side k is opposite to corner k.
     sides = [corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3] for k in range(3)]
     lengths = np.stack([np.hypot(side[:, 0], side[:, 1]) for side in sides])
     ab, ca, bc = np.sort(lengths, axis=0)
     twice = np.abs(sides[0][:, 0] * sides[1][:, 1] - sides[0][:, 1] * sides[1][:, 0])
-    # Unlike the law of cosines or an arc sine, the arc tangent of cross and dot
-    # product keeps its precision near 0 and 180 degrees.
-    # Not a minus sign: it would make -0.0 of 0, whose angle is 180 degrees.
+    # The arc tangent of cross and dot product is precise also near 0 and 180 degrees;
+    # the law of cosines and the arc sine are not.
+    # `0.0 - x`, not `-x`: a minus sign turns 0 into -0.0, whose angle is 180 degrees.
     dots = [0.0 - (sides[(k + 1) % 3] * sides[(k + 2) % 3]).sum(axis=1) for k in range(3)]
     angles = np.arctan2(twice, np.stack(dots))
     least, greatest = angles.min(axis=0), angles.max(axis=0)
@@ -193,9 +196,9 @@ def _shapes(corners: Floats) -> _Shapes:
 
 
 def _ratio(numerator: ArrayLike, denominator: Floats, otherwise: float) -> Floats:
-    """Quotients; `otherwise` where the denominator is zero."""
+    """Return the quotient, or `otherwise` where the denominator is zero."""
     result = np.full(np.broadcast_shapes(np.shape(numerator), denominator.shape), otherwise)
-    with np.errstate(over="ignore"):  # beyond float64 a ratio is infinite, as it should be
+    with np.errstate(over="ignore"):  # a ratio too large for float64 becomes infinite
         np.divide(numerator, denominator, out=result, where=denominator > 0)
     return result
 
@@ -205,12 +208,12 @@ def _mean(values: NDArray[Any]) -> float:
 
 
 def _figures(values: Floats) -> dict[str, float | None]:
-    """Mean, median, percentiles and range of one measure."""
+    """Return mean, median, percentiles, minimum and maximum of one measure."""
     if not len(values):
         return dict.fromkeys(
             ("mean", "median", *(f"p{p}" for p in _PERCENTILES), "min", "max"), None
         )
-    with np.errstate(invalid="ignore"):  # between two infinite values lies none
+    with np.errstate(invalid="ignore"):  # interpolation between infinite values gives NaN
         ranks = np.percentile(values, _PERCENTILES)
         median = float(np.median(values))
     return {

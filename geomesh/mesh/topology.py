@@ -1,6 +1,7 @@
-"""Who touches whom: pure functions on the integer arrays of a triangulation.
+"""Topology of a triangulation: edges, neighbours and boundary, from integer arrays.
 
-`FILL` (-1) marks "none", as in UGRID: the triangle beyond a boundary edge.
+`FILL` (-1) means "no triangle", for example on the outer side of a boundary edge. UGRID
+uses the same value.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ class Edges(NamedTuple):
     nodes : int32 (E, 2)
         End nodes, the lower id first; rows in lexicographic order.
     left, right : int32 (E,)
-        The triangle that runs along the edge from the lower to the higher node
-        id, and the one that runs against it; `FILL` where there is none.
+        The triangle whose corners follow the edge from the lower to the higher node id,
+        and the triangle with the opposite direction; `FILL` if there is none.
     uses : int32 (E,)
-        In how many triangles the edge occurs: 2 inside, 1 on the boundary;
-        anything else is a defect.
+        Number of triangles that have the edge: 2 inside, 1 on the boundary; any other
+        number is a defect.
     """
 
     nodes: NDArray[np.int32]
@@ -43,8 +44,8 @@ class Edges(NamedTuple):
 def build_edges(triangles: Triangles) -> Edges:
     """Return the undirected edges of `triangles` (int32, (T, 3)).
 
-    For counter-clockwise triangles `left` is the triangle on the left hand of
-    someone walking from the edge's first node to its second.
+    For counter-clockwise triangles, `left` is the triangle on the left side when you go
+    from the first node of the edge to the second.
 
     Raises
     ------
@@ -52,7 +53,7 @@ def build_edges(triangles: Triangles) -> Edges:
         If a node id is negative.
     """
     if triangles.min(initial=0) < 0:
-        raise ValueError(f"node {triangles.min()} in a triangle: ids begin with 0")
+        raise ValueError(f"a triangle has the node id {triangles.min()}: ids start at 0")
     low, high, triangle, corner = _half_edges_in_order(triangles)
     first = np.ones(len(low), np.bool_)
     first[1:] = (low[1:] != low[:-1]) | (high[1:] != high[:-1])
@@ -70,9 +71,10 @@ def build_edges(triangles: Triangles) -> Edges:
 
 
 def _half_edges_in_order(triangles: Triangles) -> tuple[Ids, Ids, Ids, Ids]:
-    """Return lower node, higher node, triangle and first corner of each half-edge, (3 T,) all.
+    """Return the lower node, higher node, triangle and first corner of each half-edge.
 
-    In order of the two nodes; those of one edge come as all 0-1, then 1-2, then 2-0.
+    Each array has the shape (3 T,). Half-edges are sorted by lower, then higher node; those
+    of one edge are sorted by corners: first 0-1, then 1-2, then 2-0.
     """
     count = int(triangles.max(initial=-1)) + 1
     one = triangles.T.ravel()
@@ -86,14 +88,17 @@ def _half_edges_in_order(triangles: Triangles) -> tuple[Ids, Ids, Ids, Ids]:
 
 
 def edge_keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return one int64 a node pair (K, 2), the same for both directions."""
+    """Return one int64 key for each node pair (K, 2), the same for both directions."""
     one, other = pairs[:, 0].astype(np.int64), pairs[:, 1].astype(np.int64)
     keys: NDArray[np.int64] = (np.minimum(one, other) << 32) | np.maximum(one, other)
     return keys
 
 
 def find_edges(edges: Edges, pairs: NDArray[np.integer]) -> NDArray[np.intp]:
-    """Return the edge of each node pair (K, 2), in either direction, or `FILL` if there is none."""
+    """Return the edge number of each node pair (K, 2), or `FILL` if there is no such edge.
+
+    The direction of a pair does not matter.
+    """
     known, wanted = edge_keys(edges.nodes), edge_keys(np.asarray(pairs).reshape(-1, 2))
     if not len(known):
         return np.full(len(wanted), FILL, np.intp)
@@ -102,18 +107,18 @@ def find_edges(edges: Edges, pairs: NDArray[np.integer]) -> NDArray[np.intp]:
 
 
 def neighbours(triangles: Triangles) -> NDArray[np.int32]:
-    """Return, for each triangle, the triangle across the side opposite to each corner.
+    """Return the three neighbours of each triangle.
 
     Returns
     -------
     int32 (T, 3)
-        Column k is the neighbour across the side between the other two corners, or `FILL`:
-        the convention of the whole package, and of `scipy.spatial.Delaunay`.
+        Column k is the neighbour across the side opposite to corner k, or `FILL`. The
+        whole package uses this convention, as does `scipy.spatial.Delaunay`.
     """
     low, high, triangle, corner = _half_edges_in_order(triangles)
     result = np.full((len(triangles), 3), FILL, np.int32)
     paired = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))
-    # The side from corner k to corner k + 1 lies opposite to corner k + 2.
+    # The side from corner k to corner k + 1 is opposite to corner k + 2.
     opposite = (corner + np.int32(2)) % np.int32(3)
     one, other = paired, paired + 1
     result[triangle[one], opposite[one]] = triangle[other]
@@ -122,7 +127,7 @@ def neighbours(triangles: Triangles) -> NDArray[np.int32]:
 
 
 def boundary_edges(triangles: Triangles) -> NDArray[np.int32]:
-    """Return the edges used by one triangle only, (B, 2), directed as in that triangle."""
+    """Return the edges of only one triangle, (B, 2), with the direction of that triangle."""
     edges = build_edges(triangles)
     once = edges.uses == 1
     upward = (edges.left[once] != FILL)[:, None]
@@ -131,9 +136,9 @@ def boundary_edges(triangles: Triangles) -> NDArray[np.int32]:
 
 
 def euler_number(triangles: Triangles) -> int:
-    """Return nodes - edges + triangles, counting only the nodes that are used.
+    """Return nodes - edges + triangles, counting only nodes that are in a triangle.
 
-    1 for a disc, 0 for a disc with one hole; components add up.
+    It is 1 for a disc and 0 for a disc with one hole; the numbers of components add up.
     """
     nodes = len(np.unique(triangles))
     return nodes - len(build_edges(triangles).nodes) + len(triangles)

@@ -40,18 +40,18 @@ class TriangleMesh:
     triangles : int32 (T, 3)
         Node ids, counter-clockwise on the map.
     grid : Grid
-        The source raster's lattice.
+        The pixel grid of the source raster.
     domain : DomainFacts
         The area that the mesh covers.
     constraints : int32 (C, 2)
-        Node pairs that had to become edges: the outline.
+        Pairs of nodes that must be edges: the outline.
     plane_size : (int, int), optional
-        Width and height of the image that the pipeline worked on, in whose plane
-        lengths and angles are taken; the source's own by default.
+        Width and height of the image that the pipeline worked on. Lengths and angles are
+        measured in its plane. By default the size of the source.
     node_table, triangle_table : Table
-        Attributes that cannot be derived from the geometry.
+        Attributes that cannot be computed from the geometry.
     provenance : Provenance, optional
-        How it was made; None for a mesh without a raster.
+        How the mesh was made; None if it was made without a raster.
     """
 
     nodes: Points
@@ -73,7 +73,7 @@ class TriangleMesh:
             set_field(self, "plane_size", (self.grid.width, self.grid.height))
         for table, rows in ((self.node_table, self.nodes), (self.triangle_table, self.triangles)):
             if len(table) and table.length != len(rows):
-                raise ValueError(f"a table of {table.length} rows beside {len(rows)} elements")
+                raise ValueError(f"a table has {table.length} rows for {len(rows)} elements")
 
     def __repr__(self) -> str:
         crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
@@ -81,12 +81,12 @@ class TriangleMesh:
         return f"<{type(self).__name__}: {counts}, {crs}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Copies and pickles are built anew, so that their arrays are read-only too.
+        # Copies and pickles call the constructor, so that their arrays are read-only too.
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def plane_scale(self) -> tuple[float, float]:
-        """Factors in x and y from source pixels to the plane that was triangulated."""
+        """Factors in x and y from source pixels to the plane of the triangulation."""
         return self.plane_size[0] / self.grid.width, self.plane_size[1] / self.grid.height
 
     @cached_property
@@ -115,8 +115,8 @@ class TriangleMesh:
         Parameters
         ----------
         space : {"image", "map"}
-            Take lengths in the plane of the image that the pipeline worked on
-            (pixels), or in map coordinates (units of the CRS).
+            Measure in the plane of the image that the pipeline worked on (in pixels), or
+            in map coordinates (in units of the CRS).
         """
         if space == "image":
             return self._image_quality
@@ -134,7 +134,7 @@ class TriangleMesh:
     def with_measures(self, space: Literal["image", "map"] = "image") -> Self:
         """Return the mesh with every measure of `quality` as an attribute of its triangles.
 
-        Names of measures in map units begin with ``map_``.
+        The names of measures in map units start with ``map_``.
         """
         prefix = "map_" if space == "map" else ""
         shown = self._triangle_attributes()
@@ -143,7 +143,7 @@ class TriangleMesh:
         return replace(self, triangle_table=self.triangle_table.with_columns(added))
 
     def certify(self) -> Certificate:
-        """Check the mesh and return what was checked (see `geomesh.mesh.certify`)."""
+        """Check the mesh and return its certificate (see `geomesh.mesh.certify`)."""
         pixels = None if self.provenance is None else self.provenance.pixels
         return certify(
             self.nodes,
@@ -157,7 +157,7 @@ class TriangleMesh:
         )
 
     def attributes(self, layer: LayerName) -> Table:
-        """Return the columns of a layer, in the order in which they are written.
+        """Return the columns of a layer, in the order in which files have them.
 
         docs/formats.md lists every column with its unit and meaning.
         """
@@ -211,7 +211,8 @@ class TriangleMesh:
         ----------
         layer : {"triangles", "edges", "nodes"}
         """
-        import geopandas as gpd  # a quarter of a second, with pandas: a mesh needs neither
+        # Imported here: with pandas it takes 0.25 s, and a mesh itself does not need it.
+        import geopandas as gpd
 
         columns = dict(self.attributes(layer))
         if layer == "triangles":
@@ -233,7 +234,7 @@ class TriangleMesh:
         Returns
         -------
         scipy.sparse.csr_array (N, N), networkx.Graph or libpysal.graph.Graph
-            Symmetric; weights are edge lengths in map units.
+            The graph is symmetric; its weights are edge lengths in map units.
         """
         from geomesh.mesh.graph import build_graph
 

@@ -1,1 +1,1 @@
-"""The pipeline: from a raster to a mesh, and to a mesh file."""
+"""The pipeline: turn a raster into a mesh, and write mesh files."""

@@ -1,8 +1,8 @@
-"""Many rasters, one mesh file each: small ones side by side, large ones on all workers.
+"""Mesh many rasters: small rasters in parallel processes, large rasters on all workers.
 
-A raster of one tile gives work to one worker only. So processes mesh the small ones of a batch
-at the same time; whatever is larger comes back, and is meshed on all workers. Results come in
-the order of the jobs.
+A raster of one tile can keep only one worker busy. So several processes mesh the small
+rasters of a batch at the same time. A process returns a larger raster without meshing it,
+and then the main process meshes it on all workers. Results are in the order of the jobs.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
     from geomesh.parallel.workers import Workers
     from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
-# So many jobs a process are under way: one that it does, and some so that it never waits.
+# Submitted jobs per process: one is running, and the others wait so that it is never idle.
 _AHEAD = 3
 
-# Seconds between looks at how far a process is.
-LOOK = 0.1
+# Seconds between two progress reports of a process.
+POLL = 0.1
 
-# A process writes each layer of a GeoPackage, as far as there are cores.
+# Maximum number of processes that write the layers of a GeoPackage: one per layer.
 _MOST_LAYERS = 3
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job in a process: nothing at all if the raster is too large for it.
+    """The result of a job in a process; all fields are empty if the raster is too large.
 
     Parameters
     ----------
     summary : MeshSummary, optional
     error : GeomeshError or MemoryError, optional
     crash : (str, str), optional
-        Kind and text of any other error: those of libraries often cannot be sent.
+        Class name and text of any other error. Errors of libraries often cannot be pickled.
     warnings : tuple of str
     """
 
@@ -57,7 +57,7 @@ class Outcome:
     warnings: tuple[str, ...] = ()
 
     def get(self) -> MeshSummary | None:
-        """Return the summary, or raise what went wrong; warn in any case."""
+        """Issue the warnings; then return the summary or raise the error."""
         for warning in self.warnings:
             warnings.warn(warning, GeomeshWarning, stacklevel=3)
         if self.error is not None:
@@ -69,15 +69,15 @@ class Outcome:
 
 
 @dataclass
-class _Ticket:
-    """A job under way in a process, and how far it is."""
+class _Task:
+    """A submitted job: its latest progress and its future outcome."""
 
     latest: tuple[float, str] | None = None
     future: Future[Outcome] = field(default_factory=Future)
 
 
 class Batch:
-    """Meshes jobs in their order: see `open_batch`."""
+    """Meshes jobs one after the other, in order: see `open_batch`."""
 
     def __init__(
         self,
@@ -90,39 +90,39 @@ class Batch:
         self._stack = stack
         self._open_workers = open_workers
         self._writers = writers
-        self._whole: tuple[Workers, WriterPool] | None = None
+        self._opened: tuple[Workers, WriterPool] | None = None
         self._pool = pool
         self._waiting = deque(jobs)
         self._has_mask = any(job.reading.get("mask") is not None for job in jobs)
-        self._tickets: deque[_Ticket] = deque()
+        self._tasks: deque[_Task] = deque()
         self._threads = ThreadPoolExecutor(pool.count if pool else 1, "geomesh-batch")
-        self._first = threading.Event()
+        self._first_done = threading.Event()
 
     def mesh(self, job: MeshJob, progress: Progress) -> MeshSummary:
-        """Return what was made of the next job, which has to be `job`; raise what went wrong."""
+        """Return the summary of the next job, which must be `job`; raise its error, if any."""
         if self._pool is None:
             return self._mesh_here(job, progress)
-        ticket = self._next_ticket()
-        while not ticket.future.done():
-            wait([ticket.future], timeout=LOOK)
-            if ticket.latest is not None:
-                progress(*ticket.latest)
-        self._first.set()
-        summary = ticket.future.result().get()
+        task = self._next_task()
+        while not task.future.done():
+            wait([task.future], timeout=POLL)
+            if task.latest is not None:
+                progress(*task.latest)
+        self._first_done.set()
+        summary = task.future.result().get()
         if summary is None:
             return self._mesh_here(job, progress)
         progress(1.0, "Written")
         return summary
 
-    def _next_ticket(self) -> _Ticket:
+    def _next_task(self) -> _Task:
         assert self._pool is not None
-        # The first job goes alone: it compiles what is not compiled yet, for all.
-        room = _AHEAD * self._pool.count if self._first.is_set() else 1
-        while self._waiting and len(self._tickets) < room:
-            ticket, job = _Ticket(), self._waiting.popleft()
-            ticket.future = self._threads.submit(_run, self._pool, job, ticket)
-            self._tickets.append(ticket)
-        return self._tickets.popleft()
+        # The first job runs alone: it compiles the kernels, if needed, for all processes.
+        room = _AHEAD * self._pool.count if self._first_done.is_set() else 1
+        while self._waiting and len(self._tasks) < room:
+            task, job = _Task(), self._waiting.popleft()
+            task.future = self._threads.submit(_run, self._pool, job, task)
+            self._tasks.append(task)
+        return self._tasks.popleft()
 
     def _mesh_here(self, job: MeshJob, progress: Progress) -> MeshSummary:
         from geomesh.pipeline.mesh_file import mesh_file
@@ -130,19 +130,20 @@ class Batch:
         return mesh_file(job, *self.open(), progress)
 
     def open(self) -> tuple[Workers, WriterPool]:
-        """Return all workers, and the processes that write, opened when first asked for."""
-        if self._whole is None:
+        """Return the workers and the writer processes; the first call opens them."""
+        if self._opened is None:
             from geomesh.io.gdal_process import WriterPool, load_pyogrio
             from geomesh.parallel.background import in_background
 
-            if not self._has_mask:  # reading it imports geopandas, perhaps at the same time
+            # Reading a mask imports geopandas, perhaps at the same time as this import.
+            if not self._has_mask:
                 in_background(load_pyogrio)
             workers = self._stack.enter_context(self._open_workers())
-            self._whole = workers, self._stack.enter_context(WriterPool(self._writers))
-        return self._whole
+            self._opened = workers, self._stack.enter_context(WriterPool(self._writers))
+        return self._opened
 
     def stop(self, folders: Sequence[Any]) -> None:
-        """End what is still under way, and remove what it has left unfinished."""
+        """Stop the running jobs, and remove their temporary files."""
         self._threads.shutdown(wait=False, cancel_futures=True)
         if self._pool is not None:
             for pid in self._pool.stop(Process.terminate):
@@ -158,17 +159,18 @@ def open_batch(
     *,
     side_by_side: bool,
 ) -> Iterator[Batch]:
-    """Yield the batch whose `mesh` is to be called for each job, in their order.
+    """Yield a batch; call its `mesh` for each job, in order.
 
     Parameters
     ----------
     jobs : sequence of MeshJob
     open_workers : callable
-        Opens the workers on which a large raster is meshed; called when one comes.
+        Opens the workers for large rasters; called for the first large raster.
     size : int
-        How many processes mesh small rasters, and most that write the layers of a large one.
+        Number of processes that mesh small rasters, and maximum number of processes that
+        write the layers of a large raster.
     side_by_side : bool
-        Whether small rasters may be meshed by processes: they open sources by name.
+        Whether processes may mesh small rasters. They can open sources only by name.
     """
     with ExitStack() as stack:
         pool = None
@@ -185,19 +187,19 @@ def open_batch(
             batch.stop(sorted({job.output.parent for job in jobs}))
 
 
-def _run(pool: ProcessPool, job: MeshJob, ticket: _Ticket) -> Outcome:
-    """Have a job done by a process."""
+def _run(pool: ProcessPool, job: MeshJob, task: _Task) -> Outcome:
+    """Run a job in a process and return its outcome; update the progress of `task`."""
     try:
         with pool.borrow() as process:
             pickle.dump(job, process.requests)
             process.requests.flush()
             while isinstance(answer := pickle.load(process.answers), tuple):
-                ticket.latest = answer
+                task.latest = answer
             return answer  # type: ignore[no-any-return]
     except (OSError, EOFError, pickle.PickleError) as error:
         return Outcome(
             error=WorkerError(
-                f"{job.source}: the process that meshed it was lost ({one_line(error)}), perhaps "
-                "for want of memory; use fewer workers"
+                f"{job.source}: the process that meshed it ended unexpectedly "
+                f"({one_line(error)}), perhaps because memory was full; use fewer workers"
             )
         )

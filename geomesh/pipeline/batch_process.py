@@ -1,7 +1,7 @@
-"""The program of a process that meshes small rasters for a batch.
+"""The program of a process that meshes small rasters of a batch.
 
-On standard input it gets jobs, pickled; to each it answers on standard output with any number
-of pairs (fraction, message) and one Outcome, pickled too.
+It reads pickled jobs from standard input. For each job it writes to standard output, also
+pickled, any number of pairs (fraction, message) and then one Outcome.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from geomesh.errors import GeomeshError, GeomeshWarning, one_line
-from geomesh.pipeline.batch import LOOK, Outcome
+from geomesh.pipeline.batch import POLL, Outcome
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
 if TYPE_CHECKING:
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def main() -> None:
-    """Mesh one job after the other, until standard input ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started it decides
+    """Mesh jobs one after the other, until standard input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent process
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    # Only answers may go where they are read.
+    # Only answers may go to standard output: redirect everything else to standard error.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     from geomesh.io.gdal_process import load_pyogrio
@@ -42,7 +42,7 @@ def main() -> None:
                 job = pickle.load(sys.stdin.buffer)
             except EOFError:
                 return
-            outcome = _mesh_small(job, workers, _teller(answers))
+            outcome = _mesh_small(job, workers, _progress_sender(answers))
             pickle.dump(outcome, answers)
             answers.flush()
 
@@ -63,22 +63,22 @@ def _mesh_small(job: MeshJob, workers: Workers, progress: Progress) -> Outcome:
             error = failure
         except Exception as failure:
             crash = type(failure).__name__, one_line(failure)
-    told = [str(each.message) for each in caught if issubclass(each.category, GeomeshWarning)]
+    notes = [str(each.message) for each in caught if issubclass(each.category, GeomeshWarning)]
     if summary is None and error is None and crash is None:
-        return Outcome()  # what is to be told is told where the raster is meshed
-    return Outcome(summary, error, crash, tuple(told))
+        return Outcome()  # too large: the process that meshes the raster will also warn
+    return Outcome(summary, error, crash, tuple(notes))
 
 
-def _teller(answers: Any) -> Progress:
-    """Return a callable that sends progress, a few times a second at most."""
+def _progress_sender(answers: Any) -> Progress:
+    """Return a callable that sends progress, at most once every `POLL` seconds."""
     last = 0.0
 
-    def tell(fraction: float, message: str) -> None:
+    def send(fraction: float, message: str) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last >= LOOK:
+        if now - last >= POLL:
             last = now
             pickle.dump((fraction, message), answers)
             answers.flush()
 
-    return tell
+    return send

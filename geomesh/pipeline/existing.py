@@ -1,4 +1,7 @@
-"""Whether a mesh file is what a job would make: whole, from the same pixels, by the same recipe."""
+"""Find out whether a mesh file already is what a job would make.
+
+Then it is complete and was made from the same pixels with the same recipe.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +38,14 @@ def find_made(
 ) -> Made | str:
     """Return the counts and the warnings of a mesh file that need not be made again.
 
-    If it is another one, or damaged, return what it is, in words that follow "but".
+    If the file is damaged or was made from something else, return a text that says so and
+    fits after "but".
 
     Parameters
     ----------
     path : Path
     scene : Scene
-        What the mesh would be made from.
+        The scene from which the job would make the mesh.
     recipe : Recipe
     layers, driver
         As in `geomesh.io.write.write_mesh`.
@@ -52,21 +56,21 @@ def find_made(
         made, counts = Provenance.from_dict(document), document["mesh"]["counts"]
         grid = document["mesh"]["grid"]
     except (GeomeshError, ValueError, KeyError, TypeError, OSError, RuntimeError):
-        return "is no whole mesh file of geomesh"
+        return "is not a complete mesh file of geomesh"
     if made.recipe != recipe:
-        return "was made by another recipe"
+        return "was made with another recipe"
     if not _is_same(made.source, source_of(scene)) or grid != describe_grid(scene.grid):
         return f"was not made from the same pixels of {scene.name}"
     try:
         for name in choose_layers(layers, file_format):
             if file_format.count_rows(path, name) != counts[name]:
-                return f"has not all its {name}"
+                return f"does not have all its {name}"
     except (GeomeshError, ValueError, KeyError, OSError, RuntimeError):
-        return "is damaged or lacks a layer"
+        return "is damaged or does not have all layers"
     return counts, made.warnings
 
 
 def _is_same(one: SourceRaster, other: SourceRaster) -> bool:
-    """Tell whether two sources are the same; a file may be named by another path to it."""
+    """Return whether two sources are the same; their paths may differ, except the file name."""
     names = (re.split(r"[/\\]", source.name)[-1] for source in (one, other))
     return len(set(names)) == 1 and replace(one, name=other.name) == other

@@ -1,4 +1,4 @@
-"""What `geomesh mesh` is asked for, and what it tells: values that can be sent to processes."""
+"""The jobs of `geomesh mesh` and their summaries: values that can be sent to processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MeshJob:
-    """One raster and the file that its mesh goes to.
+    """One raster, how to mesh it, and the file to write.
 
     Parameters
     ----------
@@ -28,7 +28,8 @@ class MeshJob:
     overwrite : bool
         As in `geomesh.io.write.write_mesh`.
     skip_existing : bool
-        Leave an output that is there, whole and made from the same pixels by the same recipe.
+        Keep an existing output that is complete and was made from the same pixels with the
+        same recipe.
     reading : mapping
         Keywords of `geomesh.raster.open.open_scene`.
     """
@@ -45,7 +46,7 @@ class MeshJob:
 
 @dataclass(frozen=True)
 class MeshSummary:
-    """What is told of a mesh file: its counts, the warnings, and whether it was there before."""
+    """The result of a job: counts, warnings, and whether an existing file was kept."""
 
     nodes: int
     triangles: int

@@ -1,4 +1,4 @@
-"""A raster in, a mesh file out: what `geomesh mesh` does for each source."""
+"""Turn a raster into a mesh file: what `geomesh mesh` does for each source."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ if TYPE_CHECKING:
     from geomesh.parallel.workers import Workers
     from geomesh.raster.scene import Scene
 
-# From so many pixels on, layers are written by processes of their own: they take a third of a
-# second to start, and then more than that off the writing.
+# For scenes with at least this number of pixels, separate processes write the layers. They
+# need a third of a second to start, but save more than that while writing.
 _LARGE = 2_000_000
 
 
 def mesh_file(
     job: MeshJob, workers: Workers, writer_pool: WriterPool | None, progress: Progress
 ) -> MeshSummary:
-    """Turn a raster into a mesh file, writing the edges while triangles are measured.
+    """Turn a raster into a mesh file; the edges are written while triangles are measured.
 
     Parameters
     ----------
     job : MeshJob
     workers : Workers
-        May work on one job after another.
+        Can be used for one job after another.
     writer_pool : WriterPool, optional
-        So may they; without any, this process writes.
+        Can be used for one job after another; by default this process writes.
     progress : callable(fraction, message)
-        May raise to cancel.
+        May raise an exception to cancel.
 
     Raises
     ------
     GeomeshError
-        With one line that says what is wrong and what to do; an old file stays as it was.
+        With one line that says what is wrong and what to do; then an existing file does not
+        change.
     """
     scene = open_job(job)
     return (
@@ -54,7 +55,7 @@ def mesh_file(
 
 
 def open_job(job: MeshJob) -> Scene | MeshSummary:
-    """Return the scene to mesh, or the summary of the file if there is nothing to do."""
+    """Return the scene to mesh, or the summary of the existing file if it can be kept."""
     keep = job.skip_existing and job.output.exists()
     check_output(job.output, overwrite=job.overwrite or keep, driver=job.driver)
     scene = open_scene(job.source, **job.reading)
@@ -88,17 +89,17 @@ def mesh_opened(
 
         def begin(shaped: TriangleMesh) -> None:
             if is_large:
-                trim_memory()  # detecting takes more than what follows
+                trim_memory()  # detection needed more memory than the next steps
             writer.begin(shaped)
 
         mesh = mesh_scene(scene, job.recipe, workers, part_of(progress, 0, 0.8), shaped=begin)
         if is_large:
-            trim_memory()  # GDAL's cache, now that the pixels are read
+            trim_memory()  # all pixels are read: GDAL's cache is no longer needed
         writer.finish(mesh, part_of(progress, 0.8, 1))
     warnings = mesh.provenance.warnings if mesh.provenance is not None else ()
     return MeshSummary(len(mesh.nodes), len(mesh.triangles), warnings)
 
 
 def fits_one_worker(scene: Scene) -> bool:
-    """Tell whether a scene is a plan of one tile, so that one worker has all the work."""
+    """Return whether a scene has only one tile, so that only one worker can work on it."""
     return max(scene.grid.width, scene.grid.height) <= CORE

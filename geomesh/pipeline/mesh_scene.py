@@ -49,10 +49,10 @@ if TYPE_CHECKING:
     from geomesh.raster.grid import Grid
     from geomesh.recipe import Recipe
 
-# What a result may depend on, beside geomesh itself.
+# Libraries on which a result may depend, in addition to geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
 
-# What SIFT takes for each pixel that it looks at; gigabytes that a user should know of.
+# Memory that SIFT needs for each pixel, and the gigabytes from which the user gets a warning.
 _SIFT_BYTES = 240
 _MUCH = 4
 
@@ -65,7 +65,7 @@ def mesh_scene(
     *,
     shaped: Callable[[TriangleMesh], None] | None = None,
 ) -> TriangleMesh:
-    """Run the stages on a scene, one after the other.
+    """Run all stages on a scene and return the mesh.
 
     Parameters
     ----------
@@ -74,19 +74,20 @@ def mesh_scene(
     workers : Workers
     progress : callable(fraction, message)
     shaped : callable(TriangleMesh), optional
-        Called with the mesh as soon as its shape is final; it has no statistics yet.
+        Called with the mesh as soon as its geometry is final, before it has statistics.
     """
     _require_reach(scene, workers)
     notes = (*scene.notes, *_notes_on_memory(scene, recipe))
     _warn(notes)
-    news = threading.Event()
-    later_stages = in_background(lambda: _load_later_stages(news.set))
-    later_stages.add_done_callback(lambda _: news.set())
+    # Set when it is known whether kernels have to be compiled, or when all are ready.
+    is_known = threading.Event()
+    later_stages = in_background(lambda: _load_later_stages(is_known.set))
+    later_stages.add_done_callback(lambda _: is_known.set())
     with scene.open():
         tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
         detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.68))
-        news.wait()
+        is_known.wait()
         if not later_stages.done():
             progress(0.7, "Compiling, once")
         later_stages.result()
@@ -134,7 +135,7 @@ def mesh_scene(
 
 
 def _load_later_stages(compiling: Callable[[], None]) -> None:
-    """Load what stages after detection need, which takes time, beside the detection.
+    """Import libraries and load kernels of the later stages, in parallel with the detection.
 
     `compiling` is called if kernels have to be compiled.
     """
@@ -145,7 +146,7 @@ def _load_later_stages(compiling: Callable[[], None]) -> None:
 
 
 def source_of(scene: Scene) -> SourceRaster:
-    """Return what is needed to find the same pixels again."""
+    """Return the information needed to read the same pixels again."""
     window = scene.window
     names = columns.band_names([band.description for band in scene.bands])
     return SourceRaster(
@@ -161,13 +162,13 @@ def source_of(scene: Scene) -> SourceRaster:
 
 
 def _warn(notes: Sequence[str]) -> None:
-    # No catching of warnings: filters belong to the process, and other threads may be meshing.
+    # Warnings are not caught: filters apply to the process, and other threads may be meshing.
     for note in notes:
         warnings.warn(note, GeomeshWarning, stacklevel=4)
 
 
 def _require_reach(scene: Scene, workers: Workers) -> None:
-    """Refuse a source that only this process can read to workers elsewhere."""
+    """Raise WorkerError if workers in other processes could not read the source."""
     if not (workers.shares_memory or isinstance(scene.source, str | Excerpt)):
         raise WorkerError(
             f"{scene.name} is open in this process only; for workers in other processes give "
@@ -176,20 +177,20 @@ def _require_reach(scene: Scene, workers: Workers) -> None:
 
 
 def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
-    """Tell of recipes that cannot be followed tile by tile, where that takes much memory."""
+    """Return a warning if a recipe cannot work tile by tile and so needs much memory."""
     width, height = recipe.resize or (scene.grid.width, scene.grid.height)
     gigabytes = width * height * _SIFT_BYTES / 1e9
     if recipe.is_local or gigabytes < _MUCH:
         return []
     return [
-        f"this recipe looks at all {width} x {height} pixels at once, which takes about "
-        f"{gigabytes:.0f} GB of memory; sift_max_octave=2, sift_source=gray and the usual blur "
-        "go tile by tile"
+        f"this recipe processes all {width} x {height} pixels at once and needs about "
+        f"{gigabytes:.0f} GB of memory; to work tile by tile, use sift_max_octave=2, "
+        "sift_source=gray and the default blur"
     ]
 
 
 def scene_tone(scene: Scene, recipe: Recipe, workers: Workers, progress: Progress) -> Tone:
-    """Return how the scene's pixel values become gray levels and colours."""
+    """Return the tone: how pixel values of the scene become gray levels and colours."""
     bands, valid = read_overview(scene, workers, progress)
     numbers = [band.index for band in scene.bands]
     return fit_tone(bands, valid, recipe, rgb=scene.rgb, numbers=numbers)
@@ -198,17 +199,17 @@ def scene_tone(scene: Scene, recipe: Recipe, workers: Workers, progress: Progres
 def triangulate_nodes(
     nodes: NodeSet, grid: Grid, plane_size: tuple[int, int], threads: Executor
 ) -> tuple[NodeSet, Triangles]:
-    """Return the nodes that are in use, and the triangles counter-clockwise on the map.
+    """Triangulate nodes; return the nodes in use, and triangles counter-clockwise on the map.
 
     Parameters
     ----------
     nodes : NodeSet
     grid : Grid
-        The source's lattice.
+        The pixel grid of the source.
     plane_size : (int, int)
-        Width and height of the image in whose plane circumcircles are to be empty.
+        Width and height of the image in whose plane the triangulation is Delaunay.
     threads : Executor
-        For sets too large for one triangulation.
+        Used if there are too many nodes for one triangulation.
     """
     plane = nodes.points * (plane_size[0] / grid.width, plane_size[1] / grid.height)
     if len(nodes.segments):
@@ -220,7 +221,7 @@ def triangulate_nodes(
     triangles = new_id[triangles]
     if grid.flips:
         triangles = triangles[:, [0, 2, 1]]
-    # In the order of the edges, as they are read back from a file.
+    # In the order of the edges, which is the order when a mesh is read from a file.
     segments = np.unique(np.sort(new_id[nodes.segments], axis=1), axis=0).reshape(-1, 2)
     kept = replace(
         nodes, points=nodes.points[used], table=nodes.table.take(used), segments=segments
@@ -229,5 +230,5 @@ def triangulate_nodes(
 
 
 def _colors(means: NDArray[np.float64], scene: Scene, tone: Tone) -> NDArray[np.str_]:
-    """Return the colour of each triangle: its mean in the display bands."""
+    """Return the colour of each triangle: the mean of its display bands."""
     return format_colors(np.ascontiguousarray(tone.display(means)[list(scene.display)].T))

@@ -1,4 +1,4 @@
-"""From keypoints and the domain to the nodes of the mesh and the edges it must have."""
+"""Choose the nodes of a mesh, and the edges it must have, from keypoints and the domain."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 
     from geomesh.recipe import Recipe
 
-# The distance to the third nearest node is close to the length of an edge.
+# The distance to the third nearest node is close to the length of an edge. The query for
+# four neighbours returns the node itself first.
 _NEAREST = 4
 _SPACING_SAMPLE = 20_000
 
-# Fewer keypoints a pixel than this make a mesh that shows next to nothing.
+# With fewer keypoints per pixel than this, a mesh shows almost nothing of the image.
 _FEW = 1e-4
 
 Loops = list[NDArray[np.float64]]
@@ -35,19 +36,19 @@ Loops = list[NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class NodeSet:
-    """What is to be triangulated.
+    """The nodes and constraints to triangulate.
 
     Attributes
     ----------
     points : float64 (N, 2)
         Distinct pixel-edge coordinates of the source, in order of y, then x.
     table : Table
-        kind, scale, response, octave, angle; the last four are NaN on the border.
+        Columns kind, scale, response, octave and angle; the last four are NaN on the border.
     segments : int32 (S, 2)
-        Pairs of points that must become edges: the outline.
+        Pairs of points that must be edges: the outline.
     domain : DomainFacts
     notes : tuple of str
-        What the user should know of the choice.
+        Warnings for the user about the choice of nodes.
     """
 
     points: NDArray[np.float64]
@@ -64,9 +65,9 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     ----------
     detection : Detection
     grid : Grid
-        The source's lattice.
+        The pixel grid of the source.
     recipe : Recipe
-        Its min_spacing, nodes, domain, border_spacing and min_hole are followed.
+        Used are min_spacing, nodes, domain, border_spacing and min_hole.
     """
     features = _features(detection, grid, recipe)
     loops, facts = _domain(detection, grid, recipe)
@@ -77,16 +78,17 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
             area = shapely.convex_hull(shapely.multipoints(chosen.xy)).area
             return replace(_join(chosen, [], replace(facts, area=float(area))), notes=tuple(notes))
         notes.append(
-            f"{len(chosen)} of {len(features)} keypoints, which span no area: the mesh covers the "
-            "whole frame instead of their hull"
+            f"{len(chosen)} of {len(features)} keypoints were chosen, and they span no area: the "
+            "mesh covers the whole frame instead of their hull"
         )
         loops, facts = _frame(grid, facts.valid_pixels)
     elif facts.islands_dropped or recipe.resize is not None:
-        # Islands are no domain, and a resized image's pixels do not follow the outline.
+        # Remove keypoints outside the outline: dropped islands are not part of the domain, and
+        # the pixels of a resized image do not follow the outline.
         features = features.take(_inside(features.xy, loops))
     from scipy.spatial import cKDTree  # takes a while to import
 
-    # Cut in the middle: half the time of a balanced tree, and the same distances.
+    # An unbalanced tree takes half the time to build and gives the same distances.
     inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
     spacing = recipe.border_spacing or _median_spacing(inner)
     border = [_lattice_loop(subdivide(loop, spacing, inner), recipe) for loop in loops]
@@ -99,24 +101,24 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
 
 
 def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
-    told = []
+    changes = []
     if facts.holes_bridged:
-        told.append(f"{facts.holes_bridged} holes of nodata were bridged")
+        changes.append(f"{facts.holes_bridged} holes of nodata were bridged")
     if facts.islands_dropped:
-        told.append(f"{facts.islands_dropped} islands of data were dropped")
+        changes.append(f"{facts.islands_dropped} islands of data were dropped")
     small = f"smaller than {recipe.min_hole} pixels (min_hole)"
-    return [f"{' and '.join(told)}, each {small}"] if told else []
+    return [f"{' and '.join(changes)}, each {small}"] if changes else []
 
 
 def _notes_on_number(features: int, border: int, recipe: Recipe, facts: DomainFacts) -> list[str]:
     budget = recipe.node_budget(facts.valid_pixels)
     if budget is not None and border > budget:
-        return [f"the outline alone takes {border} nodes, more than the {budget} asked for"]
+        return [f"the outline alone needs {border} nodes, more than the {budget} requested"]
     if features == 0:
         return ["no keypoints found (the image may be constant): the mesh is the outline only"]
     if budget is not None and features + border < budget:
         return [
-            f"{features + border} nodes of the {budget} asked for: the image has no more keypoints "
+            f"{features + border} of the {budget} requested nodes: the image has no more keypoints "
             "on edges; `edge_distance=None` or `min_spacing=1` gives more"
         ]
     if features < _FEW * facts.valid_pixels:
@@ -128,11 +130,11 @@ def _notes_on_number(features: int, border: int, recipe: Recipe, facts: DomainFa
 
 
 def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
-    """Keypoints in source pixels, thinned, strongest first."""
+    """Return the keypoints in source pixels, thinned and sorted by strength."""
     keypoints = detection.keypoints
     if recipe.resize is None:
         keypoints = keypoints.moved(snap(keypoints.xy))
-    # Two tiles may both have found a keypoint on their common border.
+    # Two tiles may both find the same keypoint on their common border.
     spacing = max(recipe.min_spacing, SEAM) if recipe.is_local else recipe.min_spacing
     keypoints = thin(keypoints, spacing)
     if recipe.resize is None:
@@ -144,12 +146,12 @@ def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:
 def _strongest(
     features: Keypoints, recipe: Recipe, facts: DomainFacts, taken: int = 0
 ) -> Keypoints:
-    """Return the features that the node budget leaves room for beside `taken` other nodes."""
+    """Return as many features as the node budget allows, if `taken` nodes exist already."""
     budget = recipe.node_budget(facts.valid_pixels)
     if budget is None or len(features) + taken <= budget:
         return features
     room = max(budget - taken, 0)
-    # The cells depend on the budget alone, so both calls choose in the same order.
+    # The cells depend only on the budget, so all calls choose in the same order.
     return features.take(spread_evenly(features, budget, float(facts.valid_pixels))[:room])
 
 
@@ -174,7 +176,7 @@ def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, Do
 
 
 def _inside(points: NDArray[np.float64], loops: Loops) -> NDArray[np.bool_]:
-    """Tell which points (N, 2) lie inside the loops: those that a triangulation can use."""
+    """Return which points (N, 2) are inside the loops: those in a triangle between them."""
     border = np.concatenate(loops)
     distinct, position = _unite(np.concatenate([border, points]))
     segments = position[_around(loops)]
@@ -185,7 +187,7 @@ def _inside(points: NDArray[np.float64], loops: Loops) -> NDArray[np.bool_]:
 
 
 def _around(loops: Loops) -> NDArray[np.intp]:
-    """Pairs (S, 2) of consecutive points of each loop, counted through all loops."""
+    """Return pairs (S, 2) of consecutive points of each loop, numbered through all loops."""
     sizes = np.array([len(loop) for loop in loops], int)
     ends = np.cumsum(sizes)
     following = np.arange(1, sizes.sum() + 1)
@@ -200,7 +202,7 @@ def _frame(grid: Grid, valid_pixels: int) -> tuple[Loops, DomainFacts]:
 
 
 def _median_spacing(points: cKDTree) -> float:
-    """Median distance to the third nearest of the points; infinite for fewer than four."""
+    """Return the median distance to the third nearest point; infinite with fewer than four."""
     if points.n < _NEAREST:
         return np.inf
     step = -(-points.n // _SPACING_SAMPLE)
@@ -217,7 +219,7 @@ def _distinct(loops: Loops) -> int:
 
 
 def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
-    """Merge features and loops into one set of points in canonical order."""
+    """Merge features and loops into one set of points, sorted by y, then x."""
     border = np.concatenate([*loops, np.empty((0, 2))])
     points, position = _unite(np.concatenate([border, features.xy]))
     segments = position[_around(loops)]
@@ -233,8 +235,8 @@ def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
 
 
 def _unite(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the distinct points in order of y, then x, and where each of `points` is there."""
-    # Complex numbers are ordered so, and sorted much faster than rows are.
+    """Return the distinct points sorted by y, then x, and the index of each of `points`."""
+    # Complex numbers are sorted in this order, much faster than rows.
     numbers = np.ascontiguousarray(points[:, ::-1]).view(np.complex128)[:, 0]
     distinct, position = np.unique(numbers, return_inverse=True)
     return np.column_stack([distinct.imag, distinct.real]), position

@@ -1,1 +1,1 @@
-"""The surface that a mesh describes: values fitted to its raster, painted and compared."""
+"""Mesh surfaces: fit values to a raster, paint them on pixels and compare with the raster."""

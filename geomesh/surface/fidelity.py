@@ -1,4 +1,4 @@
-"""How faithfully a mesh shows its raster: PSNR and errors, tile by tile."""
+"""Fidelity: how well a mesh shows its raster, as PSNR and errors, tile by tile."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How faithfully a mesh shows its raster.
+    """How well a mesh shows its raster.
 
-    Counted are the valid pixels of the raster that a triangle owns.
+    Only the valid pixels of the raster that a triangle owns are compared.
 
     Parameters
     ----------
     bands : tuple of str
     pixels : int
-        How many were counted.
+        Number of pixels that were compared.
     peak : tuple of float
-        What PSNR is relative to, for each band: 255 for uint8, else the greatest value
-        counted less the least.
+        The reference value of PSNR for each band: 255 for uint8, else the maximum minus
+        the minimum of the compared pixels.
     rmse, psnr : tuple of float
         Root mean square error in the units of the band, and peak signal-to-noise ratio in
-        decibels: 20 log10(peak / rmse), infinite where there is no error.
+        decibels: 20 log10(peak / rmse), infinite if there is no error.
     overall : float
-        PSNR of all bands together: of the mean of their (rmse / peak)^2.
+        PSNR of all bands together, from the mean of their (rmse / peak)^2.
     """
 
     bands: tuple[str, ...]
@@ -59,7 +59,7 @@ class Fidelity:
     overall: float
 
     def summary(self) -> dict[str, Any]:
-        """Return it as JSON-able values; an infinite PSNR is None there."""
+        """Return the fidelity as plain JSON values; an infinite PSNR becomes None."""
         figures = zip(self.bands, self.psnr, self.rmse, self.peak, strict=True)
         summary: dict[str, Any] = plain_json(
             {
@@ -85,30 +85,31 @@ def measure_fidelity(
     workers: int | None = None,
     progress: bool | Progress = False,
 ) -> Fidelity:
-    """Return how faithfully a mesh shows a raster: `geomesh.Mesh.psnr`.
+    """Return how well a mesh shows a raster: see `geomesh.Mesh.psnr`.
 
     Parameters
     ----------
     mesh : TriangleMesh
     source : str, PathLike, rasterio dataset, or (array, transform, crs)
-        The raster that the mesh was made of, or another on the same pixels; it may be
-        larger than the mesh.
+        The raster from which the mesh was made, or another raster with the same pixels; it
+        may be larger than the mesh.
     model : {"linear", "constant"}
-        Linear in each triangle between values at the nodes, or one value a triangle.
+        Linear interpolation in each triangle between values at the nodes, or one value per
+        triangle.
     fit : {"least_squares", "sampled"}
-        How these values come from the raster: see `geomesh.surface.fit.fit_surface`.
+        How the values are computed from the raster: see `geomesh.surface.fit.fit_surface`.
     bidx : sequence of int, optional
-        1-based bands, in place of those of which the mesh was made.
+        1-based bands to use instead of the bands from which the mesh was made.
     crs : str, int or pyproj.CRS, optional
-        Takes the place of the raster's own, as it did when the mesh was made.
+        Replaces the CRS of the raster, as when the mesh was made.
     workers, progress
         As in `geomesh.mesh_raster`.
 
     Raises
     ------
     GeomeshError
-        If the raster cannot be read, the mesh does not lie on its pixels, or no valid
-        pixel is in a triangle.
+        If the raster cannot be read, the mesh does not have its pixels, or no valid pixel
+        is in a triangle.
 
     Examples
     --------
@@ -133,7 +134,7 @@ def measure_fidelity(
 
 
 def compare(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Fidelity:
-    """Return how faithfully a surface shows a scene.
+    """Return how well a surface shows a scene.
 
     Raises
     ------
@@ -151,18 +152,18 @@ def _compare_tile(task: SurfaceTile) -> ErrorSums:
 
 
 def summarise(scene: Scene, parts: Iterable[ErrorSums]) -> Fidelity:
-    """Return the fidelity to a scene from the errors of its tiles, summed in the order given."""
+    """Return the fidelity of a scene from the errors of its tiles, added in the given order."""
     errors = reduce(add, parts)
     if errors.pixels == 0:
         raise EmptyError(
-            f"no valid pixel of {scene.name} is in a triangle: there is nothing to compare; "
-            "name the raster that the mesh was made of"
+            f"no valid pixel of {scene.name} is in a triangle, so there is nothing to compare; "
+            "use the raster from which the mesh was made"
         )
     rmse = errors.norm / math.sqrt(errors.pixels)
     peak = errors.high - errors.low
     if scene.dtype == np.uint8:
         peak = np.full(len(rmse), 255.0)
-    # A band of one value has no range; as a rule it has no error either.
+    # A band with only one value has no range; then it usually has no error either.
     share = np.divide(rmse, peak, out=rmse.copy(), where=peak > 0)
     return Fidelity(
         bands=tuple(band_names([band.description for band in scene.bands])),
@@ -176,16 +177,16 @@ def summarise(scene: Scene, parts: Iterable[ErrorSums]) -> Fidelity:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSums:
-    """What a picture errs by; the errors of parts add up.
+    """The errors of an image; the sums of several tiles can be added.
 
     Parameters
     ----------
     pixels : int
-        Valid pixels that have a value in the picture.
+        Number of valid pixels that have a value in the image.
     norm : float64 (B,)
-        Root of the sum of the squared errors of these.
+        Square root of the sum of the squared errors of these pixels.
     low, high : float64 (B,)
-        Least and greatest of their true values.
+        Minimum and maximum of their true values.
     """
 
     pixels: int
@@ -203,7 +204,7 @@ class ErrorSums:
 
 
 def sum_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_]) -> ErrorSums:
-    """Return what a picture (B, h, w) errs by, where it is not NaN and `bands` are valid."""
+    """Return the errors of an image (B, h, w) where it is not NaN and `bands` are valid."""
     known = valid & ~np.isnan(image).any(axis=0)
     norm = np.zeros(len(bands))
     low, high = np.full(len(bands), np.inf), np.full(len(bands), -np.inf)
@@ -211,7 +212,7 @@ def sum_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_
         pixels = true[known].astype(np.float64)
         errors = np.abs(shown[known] - pixels)
         largest = errors.max(initial=0)
-        if largest > 0:  # squares of errors as they are may be beyond float64
+        if largest > 0:  # scaled, because squares of large errors could overflow
             norm[band] = largest * np.sqrt(np.square(errors / largest).sum())
         low[band], high[band] = pixels.min(initial=np.inf), pixels.max(initial=-np.inf)
     return ErrorSums(int(known.sum()), norm, low, high)
@@ -220,7 +221,7 @@ def sum_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_
 def psnr(rmse: ArrayLike, peak: ArrayLike) -> Floats:
     """Return the peak signal-to-noise ratio in decibels: 20 log10(peak / rmse).
 
-    Infinite where the root mean square error is 0.
+    It is infinite where the root mean square error is 0.
     """
     rmse, peak = np.asarray(rmse, np.float64), np.asarray(peak, np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):

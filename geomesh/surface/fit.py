@@ -1,4 +1,4 @@
-"""A mesh as a surface of values, fitted to its raster tile by tile."""
+"""Fit the values of a mesh surface to a raster, tile by tile."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh with the values that make a picture of it.
+    """A mesh with values that can be painted as an image.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Surface:
         Pixel-edge coordinates.
     triangles : int32 (T, 3)
     values : float64
-        (N, B) at the nodes for the linear model, (T, B) of the triangles for the constant one.
+        Linear model: (N, B), at the nodes. Constant model: (T, B), of the triangles.
     model : {"linear", "constant"}
     """
 
@@ -46,11 +46,11 @@ class Surface:
     model: Model
 
     def image(self, window: Window) -> Floats:
-        """Return the picture (B, h, w) in a window: see `geomesh.surface.paint.reconstruct`."""
+        """Return the image (B, h, w) in a window: see `geomesh.surface.paint.reconstruct`."""
         return reconstruct(self.nodes, self.triangles, self.values, window, self.model)
 
     def cut(self, part: TileMesh) -> Surface:
-        """Return the part of it in a tile."""
+        """Return the part of the surface in a tile."""
         ids = part.node_ids if self.model == "linear" else part.triangle_ids
         return Surface(part.nodes, part.triangles, self.values[ids], self.model)
 
@@ -68,7 +68,7 @@ def fit_surface(
     workers: Workers,
     progress: Progress,
 ) -> Surface:
-    """Return a mesh with the values that show a scene.
+    """Return a mesh with values fitted to a scene.
 
     Parameters
     ----------
@@ -78,18 +78,19 @@ def fit_surface(
     scene : Scene
     model : {"linear", "constant"}
     fit : {"least_squares", "sampled"}
-        "sampled": bilinear between pixel centres at a node; of the pixel that holds the
-        centroid of a triangle, or the mean of its valid pixels if that is not valid.
-        "least_squares": so that the squared errors of the valid pixels are least; for a
-        triangle of one value that is their mean. See `geomesh.surface.least_squares.solve`.
+        "sampled": a node gets the bilinear interpolation between pixel centres. A triangle
+        gets the value of the pixel that contains its centroid, or the mean of its valid
+        pixels if that pixel is not valid. "least_squares": the values minimise the squared
+        errors of the valid pixels; in the constant model, the value is the mean of the
+        triangle's pixels. See `geomesh.surface.least_squares.solve`.
     workers : Workers
-        The values are the same to the last bit whoever does the work.
+        The values are the same to the last bit for any workers.
     progress : callable(fraction, message)
 
     Returns
     -------
     Surface
-        NaN at the nodes, and of the triangles, near which no pixel is valid.
+        The values of nodes and triangles without valid pixels nearby are NaN.
     """
     check(model=model, fit=fit)
     statistics = measure_scene(nodes, triangles, scene, workers, part_of(progress, 0, 0.5))
@@ -104,7 +105,7 @@ def fit_surface(
 
 
 def _corrected(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Surface:
-    """Return the surface over the nodes with which the pixels err least."""
+    """Return the linear surface with values that minimise the squared errors of the pixels."""
     gram = np.zeros((len(surface.triangles), 6))
     moments = np.zeros(surface.values.shape)
     work = walk(_project_tile, surface, scene, workers, part_of(progress, 0, 0.9), "Fitting nodes")
@@ -125,7 +126,7 @@ def _project_tile(task: SurfaceTile) -> NormalEquations:
 
 
 def _sampled(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Surface:
-    """Return the surface with the pixel at each triangle's centroid, where that is valid."""
+    """Return the surface with the value of the pixel at each centroid, if that is valid."""
     values = surface.values.copy()
     work = walk(_sample_tile, surface, scene, workers, progress, "Sampling centroids")
     for part, found in work:
@@ -149,9 +150,9 @@ def walk(
     progress: Progress,
     message: str,
 ) -> Iterator[tuple[TileMesh, Result]]:
-    """Yield the part of the mesh in each tile and what `function` gives there, in their order.
+    """Yield the part of the mesh in each tile, with the result of `function`, in tile order.
 
-    It gets the scene, a tile without halo, and the part of the surface there.
+    `function` gets the scene, a tile without halo, and the part of the surface in that tile.
     """
     tiles = plan_tiles(scene.grid.extent, halo=0)
     parts, kept = tee(split_by_tiles(surface.nodes, surface.triangles, tiles))

@@ -1,4 +1,4 @@
-"""The compiled loops of `geomesh.surface`: a surface at pixel centres, and its fit there."""
+"""Compiled loops of `geomesh.surface`: paint a surface at pixel centres, and fit it there."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Weights = tuple[float, float, float, float, float, float]
 
 @inner
 def barycentric_matrix(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Weights:
-    """Return what `barycentric` needs of a triangle: its first corner, and a matrix."""
+    """Return the first corner and the 2 x 2 matrix that `barycentric` needs for a triangle."""
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return ax, ay, (cy - ay) / area, (ax - cx) / area, (ay - by) / area, (bx - ax) / area
 
 
 @inner
 def barycentric(weights: Weights, row: int, col: int) -> tuple[float, float]:
-    """Return the barycentric coordinates of a pixel's centre at the second and third corner."""
+    """Return the barycentric coordinates of a pixel centre for the second and third corner."""
     ax, ay, bx, by, cx, cy = weights
     x, y = col + 0.5 - ax, row + 0.5 - ay
     return x * bx + y * by, x * cx + y * cy
@@ -37,7 +37,7 @@ def barycentric(weights: Weights, row: int, col: int) -> tuple[float, float]:
 def paint_linear(
     nodes: Points, triangles: Triangles, values: Floats, row: int, col: int, image: Floats
 ) -> None:
-    """Fill `image` (B, h, w), which begins at pixel (row, col), from `values` (N, B)."""
+    """Fill `image` (B, h, w), whose first pixel is (row, col), from node values (N, B)."""
     count, height, width = image.shape
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -79,11 +79,13 @@ def project(
     gram: Floats,
     moments: Floats,
 ) -> None:
-    """Add the normal equations of the pixels of `valid` (h, w), which begin at (row, col).
+    """Add the normal equations of the valid pixels to `gram` and `moments`.
 
-    With the barycentric coordinates p, q, r of a pixel's centre, `gram` (T, 6) gets pp, pq,
-    pr, qq, qr, rr in the row of the triangle, and `moments` (N, B) what `bands` (B, h, w)
-    are above the surface of `values` (N, B), times p, q and r in the rows of the corners.
+    The first pixel of `valid` (h, w) is (row, col). Let p, q, r be the barycentric
+    coordinates of a pixel centre. In the row of the triangle, pp, pq, pr, qq, qr and rr are
+    added to `gram` (T, 6). In the rows of the three corners, the difference between `bands`
+    (B, h, w) and the surface of `values` (N, B), times p, q and r, is added to `moments`
+    (N, B).
     """
     height, width = valid.shape
     for t in range(len(triangles)):

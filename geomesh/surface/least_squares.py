@@ -1,4 +1,7 @@
-"""Values at the nodes with which a surface errs least: normal equations and their solution."""
+"""Least squares: the node values that minimise the errors of a surface.
+
+This module builds the normal equations and solves them.
+"""
 
 from __future__ import annotations
 
@@ -16,30 +19,28 @@ if TYPE_CHECKING:
     from geomesh.arrays.types import Floats, Points, Triangles
     from geomesh.raster.grid import Window
 
-# What the value that a node begins with weighs, in pixels that lie on the node.
+# Weight of the start value of a node. A weight of 1 equals one pixel at the node.
 RIDGE = 0.01
 
-
-# What may be left of the moments in the solution.
+# Relative size of the residual at which the solver stops.
 _TOLERANCE = 1e-10
 
-
-# The 3 x 3 matrix of a triangle in what NormalEquations holds of it.
+# Where the entries of a triangle's 3 x 3 matrix are in a row of NormalEquations.gram.
 _FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """What some pixels say of how a surface over the nodes should be corrected.
+    """The normal equations of the corrections of the node values.
 
     Parameters
     ----------
     gram : float64 (T, 6)
-        For each triangle the upper half, row by row, of the 3 x 3 matrix of the sums of
-        products of two barycentric coordinates over its pixels.
+        For each triangle, the upper half (row by row) of a 3 x 3 matrix: the products of
+        two barycentric coordinates, summed over its pixels.
     moments : float64 (N, B)
-        For each node the sums of its barycentric coordinate times what the pixels are
-        above the surface.
+        For each node, the sum over the pixels of its barycentric coordinate times the
+        difference between pixel and surface.
     """
 
     gram: Floats
@@ -56,7 +57,7 @@ def normal_equations(
 ) -> NormalEquations:
     """Return the normal equations of the valid pixels in a window.
 
-    Those of windows that share no pixel add up.
+    The normal equations of windows without common pixels can be added.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ def normal_equations(
         Pixel-edge coordinates.
     triangles : int32 (T, 3)
     values : float64 (N, B)
-        At the nodes: the surface to correct.
+        Node values of the surface to correct.
     bands : any real dtype, (B, h, w)
         Values of the pixels of `window`.
     valid : bool (h, w)
@@ -86,17 +87,17 @@ def normal_equations(
 
 
 def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
-    """Return the correction at each node, (N, B), with which the pixels err least.
+    """Return the corrections of the node values, (N, B), that minimise the pixel errors.
 
-    It minimises the sum of the squared errors plus `RIDGE` times the sum of the squared
-    corrections. So there is one solution, always: a node without a pixel in its triangles
-    is left alone, and one that has few, all far from it, is not sent far away for a little.
-    And the errors never grow, for at the start they are all there is. That weight costs
-    0.002 dB where there is a node for five pixels, and nothing that shows where there are
-    fewer.
+    They minimise the sum of the squared errors plus `RIDGE` times the sum of the squared
+    corrections. So there is always exactly one solution: a node without a pixel in its
+    triangles does not change, and a node with only a few distant pixels does not change much
+    for a small gain. The errors never grow, because at the start the sum consists only of
+    them. The ridge term costs 0.002 dB with one node for five pixels, and nothing noticeable
+    with fewer nodes.
 
-    Solved by conjugate gradients, scaled by the diagonal: for such matrices the number of
-    steps does not grow with the mesh (Wathen 1987).
+    The solver is the conjugate gradient method with diagonal scaling. For such matrices the
+    number of steps does not grow with the mesh (Wathen 1987).
     """
     from scipy import sparse
     from scipy.sparse.linalg import cg
@@ -109,7 +110,7 @@ def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
     corrections = np.zeros_like(equations.moments)
     for band, moments in enumerate(equations.moments.T):
         largest = np.abs(moments).max(initial=0)
-        if largest > 0:  # squares of values as they are may be beyond float64
+        if largest > 0:  # scaled, because squares of large values could overflow
             found, _ = cg(matrix, moments / largest, rtol=_TOLERANCE, atol=0.0, M=scale)
             corrections[:, band] = found * largest
     return corrections
@@ -118,10 +119,10 @@ def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
 def complete(
     values: Floats, triangles: Triangles, count: NDArray[np.int64], mean: Floats
 ) -> Floats:
-    """Return values at nodes, (N, B), that every pixel's triangle has at all its corners.
+    """Return node values, (N, B), without NaN at the corners of triangles with valid pixels.
 
-    A node that has none (NaN), as there is no valid pixel around it, gets the mean of the
-    valid pixels of its triangles. It stays NaN if these have none either.
+    A node without a valid pixel around it has no value (NaN). It gets the mean of the valid
+    pixels of its triangles. It stays NaN if they have no valid pixels.
 
     Parameters
     ----------
@@ -129,9 +130,9 @@ def complete(
         At the nodes.
     triangles : int32 (T, 3)
     count : int64 (T,)
-        Valid pixels of each triangle.
+        Number of valid pixels of each triangle.
     mean : float64 (T, B)
-        Of these.
+        Mean of the valid pixels of each triangle.
     """
     empty = np.flatnonzero(np.isnan(values).any(axis=1))
     if not len(empty):

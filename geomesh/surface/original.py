@@ -1,4 +1,4 @@
-"""The raster behind a mesh, found again: the same bands, and the part that was meshed."""
+"""Open the raster from which a mesh was made: the same bands, and the part that was used."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ if TYPE_CHECKING:
 def open_original(
     mesh: TriangleMesh, source: Source, *, bidx: Sequence[int] | None = None, crs: Any = None
 ) -> Scene:
-    """Return the part of a raster that a mesh lies on, read as when the mesh was made.
+    """Return the part of a raster that a mesh covers, opened as when the mesh was made.
 
-    The bands, the nodata value and the area of interest are those of the mesh's provenance.
+    The bands, the nodata value and the area of interest come from the mesh's provenance.
 
     Parameters
     ----------
     mesh : TriangleMesh
     source : str, PathLike, rasterio dataset, or (array, transform, crs)
-        The raster that the mesh was made from, or another on the same pixels, such as its
-        other bands; it may be larger than the mesh.
+        The raster from which the mesh was made, or another raster with the same pixels,
+        such as other bands; it may be larger than the mesh.
     bidx : sequence of int, optional
-        1-based bands, in place of those that were meshed.
+        1-based bands to use instead of the bands from which the mesh was made.
     crs : str, int or pyproj.CRS, optional
-        Replaces the file's own CRS, as it did when the mesh was made.
+        Replaces the CRS of the file, as when the mesh was made.
 
     Raises
     ------
     SourceError, BandError
-        If the raster cannot be opened, or lacks the bands.
+        If the raster cannot be opened, or does not have the bands.
     GeoreferenceError
-        If the pixels of the mesh are not among those of the raster.
+        If the raster does not have the pixels of the mesh.
     """
     made_from = mesh.provenance.source if mesh.provenance is not None else None
     bands = list(bidx) if bidx is not None else None
     if bands is None and made_from is not None:
-        # The three colours of a palette are of one band.
+        # With a palette, the three colours come from one band: use its number once.
         bands = list(dict.fromkeys(band.index for band in made_from.bands))
     nodata = made_from.nodata if made_from is not None else None
     try:
@@ -61,7 +61,8 @@ def open_original(
     window = _find(mesh.grid, scene)
     area = None
     if made_from is not None and made_from.area is not None:
-        # It is in the pixels of the raster that was meshed, which may have been another part.
+        # The area is in pixels of the source of the mesh. In this raster, the part that the
+        # mesh covers may have another position.
         col, row = made_from.window[:2]
         moved = np.array([window.col - col, window.row - row])
         area = shapely.transform(shapely.from_wkt(made_from.area), lambda xy: xy + moved)
@@ -69,22 +70,22 @@ def open_original(
 
 
 def _find(grid: Grid, scene: Scene) -> Window:
-    """Return the pixels of a scene that are those of a mesh's grid."""
+    """Return the window of a scene that has the pixels of a mesh's grid."""
     if grid.crs != scene.grid.crs:
         raise GeoreferenceError(
-            f"the mesh is in {_crs(grid)} and {scene.name} in {_crs(scene.grid)}: name the raster "
-            "that the mesh was made from, or give the CRS that was used then with `crs`"
+            f"the mesh is in {_crs(grid)} and {scene.name} in {_crs(scene.grid)}: use the raster "
+            "from which the mesh was made, or give the CRS that was used then with `crs`"
         )
     corners = np.array([(0, 0), (grid.width, 0), (grid.width, grid.height), (0, grid.height)])
     there = scene.grid.to_pixel(grid.to_map(corners))
     col, row = np.rint(there[0]).astype(int).tolist()
     window = Window(col, row, grid.width, grid.height)
-    # Nodes lie on a lattice: a smaller difference cannot matter to the mesh.
+    # Nodes lie on a lattice: smaller differences do not matter to the mesh.
     meets = np.abs(there - corners - (col, row)).max() < 1 / LATTICE
     if not meets or window.clip(scene.grid.extent) != window:
         raise GeoreferenceError(
             f"the pixels of the mesh ({_lattice(grid)}) are not among those of {scene.name} "
-            f"({_lattice(scene.grid)}): name the raster that the mesh was made from"
+            f"({_lattice(scene.grid)}): use the raster from which the mesh was made"
         )
     return window
 

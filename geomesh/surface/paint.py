@@ -1,11 +1,12 @@
-"""The picture that a mesh gives: values at its nodes or of its triangles, as pixels again.
+"""Paint a mesh: turn values at its nodes or of its triangles into the pixels of an image.
 
-Two models: "linear" is a surface over the nodes, linear in each triangle; "constant" is
-one value a triangle. Two ways to the values: "sampled" takes them from the raster at one
-place, "least_squares" chooses them so that the pixels err least.
+There are two models. "linear" interpolates linearly in each triangle between values at the
+nodes; "constant" has one value per triangle. There are two fits, ways to get the values.
+"sampled" takes them from the raster at one place; "least_squares" minimises the squared
+errors of the pixels.
 
-Everything here is on arrays, for one window at a time; `geomesh.surface.fit` and
-`geomesh.surface.fidelity` walk over the tiles of a scene with it.
+The functions here work on arrays, for one window at a time. `geomesh.surface.fit` and
+`geomesh.surface.fidelity` use them for the tiles of a scene.
 """
 
 from __future__ import annotations
@@ -33,37 +34,37 @@ FITS: tuple[Fit, ...] = ("least_squares", "sampled")
 def reconstruct(
     nodes: Points, triangles: Triangles, values: Floats, window: Window, model: Model
 ) -> Floats:
-    """Return the picture that a mesh gives in a window.
+    """Return the image of a mesh in a window.
 
     Parameters
     ----------
     nodes : float64 (N, 2)
         Pixel-edge coordinates.
     triangles : int32 (T, 3)
-        Of either orientation.
+        In either orientation.
     values : float64
-        "linear": (N, B), at the nodes; a pixel gets what the plane through the three
-        corners of its triangle has at the pixel's centre. "constant": (T, B), of the
-        triangles.
+        "linear": (N, B), at the nodes; a pixel gets the value at its centre of the plane
+        through the three corners of its triangle. "constant": (T, B), of the triangles.
     window : Window
     model : {"linear", "constant"}
 
     Returns
     -------
     float64 (B, height, width)
-        NaN where no triangle owns the pixel (see `geomesh.zonal.rasterize`), or its value is NaN.
+        NaN where no triangle owns the pixel (see `geomesh.zonal.rasterize`), or where the
+        value is NaN.
 
     Raises
     ------
     ValueError
-        If the model is unknown, or there is not a row of values for each node or triangle.
+        If the model is unknown, or `values` does not have one row per node or triangle.
     """
     check(model=model)
     rows = len(nodes) if model == "linear" else len(triangles)
     if values.ndim != 2 or len(values) != rows:
         raise ValueError(f"values {values.shape} of a {model} model: expected ({rows}, bands)")
     if model == "constant":
-        # A pixel without owner has the number FILL, which is -1: it takes the last row.
+        # A pixel without an owner has the id FILL, which is -1: it gets the last row, NaN.
         padded = np.vstack([values, np.full(values.shape[1], np.nan)])
         return np.ascontiguousarray(
             np.moveaxis(padded[find_owners(nodes, triangles, window)], -1, 0)
@@ -81,7 +82,7 @@ def reconstruct(
 
 
 def check(*, model: str = MODELS[0], fit: str = FITS[0]) -> None:
-    """Raise ValueError if there is no such model or way to its values."""
+    """Raise ValueError if the model or the fit is unknown."""
     if model not in MODELS:
         raise ValueError(f"model is {model!r}: choose {' or '.join(MODELS)}")
     if fit not in FITS:
@@ -89,20 +90,20 @@ def check(*, model: str = MODELS[0], fit: str = FITS[0]) -> None:
 
 
 def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDArray[Any]:
-    """Return a picture in the type of a raster.
+    """Return an image in the data type of a raster.
 
     Parameters
     ----------
     image : float64 (B, h, w)
     dtype : numpy.dtype
-        Integers are rounded; what is beyond the type's limits is cut off there.
+        For integers, values are rounded. Values outside the limits of the type are clipped.
     nodata : float or None
-        What NaN becomes (0 if None). Any other pixel that would be it becomes the
-        next value that the type has, as GDAL does when it warps.
+        Replaces NaN (0 if None). Any other pixel with exactly this value gets the next
+        value of the type, as GDAL does when it warps.
     """
     limits = np.finfo(dtype) if dtype.kind == "f" else np.iinfo(dtype)
     least, most = float(limits.min), float(limits.max)
-    if most > limits.max:  # 64 bits have no such float
+    if most > limits.max:  # as a float, the limit of a 64-bit integer is rounded up
         most = float(np.nextafter(most, 0))
     unknown = np.isnan(image)
     known = np.where(unknown, 0.0, image)

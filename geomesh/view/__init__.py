@@ -1,1 +1,1 @@
-"""Pictures of a mesh: plots, the stages of the pipeline, notebooks."""
+"""Show a mesh: plots, the stages of the pipeline, notebooks."""

@@ -1,4 +1,4 @@
-"""A mesh in a notebook: what it is at a glance, and a map of it to look around in."""
+"""Show a mesh in a notebook: a short summary, and an interactive map."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from geomesh.mesh.certificate import Certificate
     from geomesh.mesh.triangle_mesh import TriangleMesh
 
-# A browser draws so many triangles without stuttering.
+# Maximum number of triangles that a browser draws smoothly.
 MOST_EXPLORED = 20_000
 
-# Bands whose means are shown for the triangle under the mouse.
+# Maximum number of bands whose means are shown for the triangle under the mouse.
 _MOST_BANDS = 3
 
 _LABEL = "opacity:.65;white-space:nowrap"
@@ -34,13 +34,13 @@ _GRID = "display:grid;grid-template-columns:max-content auto;gap:.1em 1em;align-
 
 
 def mesh_html(mesh: TriangleMesh) -> str:
-    """Return a thumbnail of a mesh beside what it is, what it covers and its certificate.
+    """Return HTML with a thumbnail, the properties and the certificate of a mesh.
 
-    HTML that needs nothing from elsewhere, on light pages and on dark ones.
+    The HTML loads no other files, and suits light and dark pages.
     """
     title = f"{len(mesh.nodes):,} nodes, {len(mesh.triangles):,} triangles"
     rows = "".join(
-        f'<div style="{_LABEL}">{label}</div><div>{told}</div>' for label, told in _facts(mesh)
+        f'<div style="{_LABEL}">{label}</div><div>{fact}</div>' for label, fact in _facts(mesh)
     )
     return (
         '<div style="display:flex;flex-wrap:wrap;gap:1.2em;align-items:flex-start">'
@@ -52,7 +52,7 @@ def mesh_html(mesh: TriangleMesh) -> str:
 
 
 def _facts(mesh: TriangleMesh) -> Iterator[tuple[str, str]]:
-    """Yield labels and what they tell, as HTML."""
+    """Yield the properties of a mesh: pairs of label and HTML."""
     grid, metadata = mesh.grid, mesh.metadata
     name = metadata.get("source", {}).get("name")
     size = f"{grid.width:,} × {grid.height:,} pixels"
@@ -76,7 +76,10 @@ def _facts(mesh: TriangleMesh) -> Iterator[tuple[str, str]]:
 
 
 def _checks(certificate: Certificate) -> str:
-    """How many checks hold, which opens to all of them; those that fail are shown at once."""
+    """Return HTML with the number of passed checks; it expands to a list of all checks.
+
+    If a check failed, the list is open from the start.
+    """
     held = sum(check.passed for check in certificate.checks)
     every = "".join(
         f"<div>{'✓' if check.passed else '✗'} {escape(check.name)} "
@@ -106,19 +109,19 @@ def _image(mesh: TriangleMesh) -> str:
 def explore(
     mesh: TriangleMesh, column: str = "color", *, most: int | None = MOST_EXPLORED, **options: Any
 ) -> Any:
-    """Show the triangles on a map that can be dragged and zoomed.
+    """Show the triangles on an interactive map, which can be moved and zoomed.
 
     Parameters
     ----------
     mesh : TriangleMesh
     column : str
-        What fills the triangles: "color" (the image's own mean colour) or any
+        The values that colour the triangles: "color" (the mean colour of the image) or any
         other column of ``mesh.attributes("triangles")``.
     most : int or None
-        Refuse meshes of more triangles, which make a browser stutter.
+        Maximum number of triangles; a browser becomes slow with more. None for no limit.
     **options
-        As `geopandas.GeoDataFrame.explore` has them: ``tiles=None`` for a map without
-        a background from the network, ``m=`` to draw on a map that is there, ``cmap=``.
+        Options of `geopandas.GeoDataFrame.explore`: ``tiles=None`` for a map without a
+        background from the network, ``m=`` to draw on an existing map, ``cmap=``.
 
     Returns
     -------
@@ -127,50 +130,50 @@ def explore(
     Raises
     ------
     OutputError
-        If there are more triangles.
+        If there are more triangles than `most`.
     GeoreferenceError
-        If the mesh has no CRS, or none on Earth.
+        If the mesh has no CRS, or one that is not on Earth.
     MissingExtraError
         If folium, mapclassify or matplotlib is not installed.
     """
     count = len(mesh.triangles)
     if most is not None and count > most:
         raise OutputError(
-            f"{count:,} triangles are more than a browser shows at ease ({most:,}): mesh with "
+            f"{count:,} triangles are too many for a browser (at most {most:,}): mesh with "
             f"nodes={most // 2} or a part with bounds=, or draw them with mesh.plot()"
         )
     attributes = mesh.attributes("triangles")
     if column not in attributes:
         raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
     means = [name for name in attributes if name.endswith("_mean")][:_MOST_BANDS]
-    told = ["id", "area", *means]
+    tooltip = ["id", "area", *means]
     filled: dict[str, Any] = {"column": column}
     if column == "color":
         filled = {"color": format_colors(brightened(parse_colors(attributes["color"])))}
-    elif column not in told:
-        told.append(column)
-    shown = {"tooltip": told, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
-    frame = _on_earth(mesh)[[*told, "geometry"]]
+    elif column not in tooltip:
+        tooltip.append(column)
+    shown = {"tooltip": tooltip, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
+    frame = _on_earth(mesh)[[*tooltip, "geometry"]]
     return frame.explore(**{**shown, **filled, **options})
 
 
 def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
-    """Return the triangles in longitude and latitude, if folium is there to show them."""
+    """Return the triangles in longitude and latitude, if the libraries for maps are installed."""
     for library in ("folium", "mapclassify", "matplotlib"):
         with extra_required(library, "notebook"):
             importlib.import_module(library)
     crs = mesh.grid.crs
     if crs is None:
         raise GeoreferenceError(
-            "the mesh has no CRS, so its place on the web map is unknown: mesh the raster with "
+            "the mesh has no CRS, so its position on the web map is unknown: mesh the raster with "
             "`crs='EPSG:...'`, or draw the mesh with mesh.plot()"
         )
     try:
         frame = mesh.to_geodataframe().to_crs(4326)
     except ProjError as error:
         raise GeoreferenceError(
-            f"there is no way from {crs.name!r} to the longitude and latitude of the web map: draw "
-            "the mesh with mesh.plot()"
+            f"there is no transformation from {crs.name!r} to the longitude and latitude of the "
+            "web map: draw the mesh with mesh.plot()"
         ) from error
     if not np.isfinite(frame.total_bounds).all():
         raise GeoreferenceError(

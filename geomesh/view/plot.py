@@ -1,4 +1,4 @@
-"""A mesh on the map, drawn with matplotlib."""
+"""Draw a mesh on the map with matplotlib."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from geomesh.mesh.triangle_mesh import TriangleMesh
 
-# Behind the triangles, so that white ones differ from no triangles.
+# Background colour, so that white triangles differ from places without triangles.
 _PAPER = "#e4e4e4"
 
 
@@ -34,16 +34,16 @@ def plot_mesh(
     ----------
     mesh : TriangleMesh
     column : str
-        What fills the triangles: "color" (the image's own mean colour) or any
+        The values that colour the triangles: "color" (the mean colour of the image) or any
         numeric column of ``mesh.attributes("triangles")``.
     ax : matplotlib Axes, optional
-        Where to draw; a new figure by default.
+        Where to draw; by default in a new figure.
     cmap : str
         Colour map for a numeric column.
     edgecolor : str, optional
-        Of the triangle edges; thin and translucent white by default.
+        Colour of the triangle edges; by default translucent white.
     path : path, optional
-        Also save the figure there (.png, .pdf, .svg), in place of what is there.
+        Also save the figure to this file (.png, .pdf, .svg); an existing file is replaced.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The stages of the pipeline: what each gives, and the picture of all four side by side."""
+"""The stages of the pipeline: the result of each, and a figure of all four side by side."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Stages:
     Attributes
     ----------
     gray : uint8 (h, w)
-        Stage 1, in the plane that the pipeline worked on.
+        Stage 1: the gray image in the plane that the pipeline worked on.
     edges : bool (h, w)
-        Stage 2.
+        Stage 2: the Canny edges.
     mesh : TriangleMesh
-        Stages 3 (its feature nodes) and 4.
+        Stage 3 (its feature nodes) and stage 4.
     image : uint8 (H, W, 3)
-        The source as displayed, white where not valid.
+        The source in display colours; pixels that are not valid are white.
     """
 
     gray: Gray
@@ -62,9 +62,9 @@ class Stages:
         Parameters
         ----------
         title : str, optional
-            Of the figure.
+            Title of the figure.
         path : path, optional
-            Also save it there (.png, .pdf, .svg), in place of what is there.
+            Also save the figure to this file (.png, .pdf, .svg); an existing file is replaced.
         """
         figure = draw_stages(self, title)
         if path is not None:
@@ -73,9 +73,9 @@ class Stages:
 
 
 def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
-    """Run the pipeline on a scene and keep what each stage gives.
+    """Run the pipeline on a scene and return the results of all stages.
 
-    A scene larger than `LARGEST_SIDE` is cropped to its middle first.
+    A scene larger than `geomesh.raster.crop.LARGEST_SIDE` is first cropped to its middle.
     """
     scene = middle(scene)
     extent = scene.grid.extent
@@ -137,7 +137,7 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
 
 
 def _draw_edges(ax: Axes, nodes: NDArray[np.float64], edges: NDArray[np.integer]) -> None:
-    """Draw edges twice, light on dark, so that they show on any image."""
+    """Draw the edges twice, light on dark, so that they are visible on any image."""
     from matplotlib.collections import LineCollection as Lines
 
     ends = nodes[edges]

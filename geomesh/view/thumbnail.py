@@ -1,4 +1,4 @@
-"""A mesh as a small picture: whose pixel it is, in the colour of that triangle."""
+"""Draw a mesh as a small image: each pixel has the colour of the triangle that owns it."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ if TYPE_CHECKING:
 # Longest and shortest side of a thumbnail, in pixels.
 _SIDES = (256, 8)
 
-# Triangles without a colour of their own, on white paper and on black.
+# Gray level of triangles without a colour; visible on a white and on a black page.
 _GRAY = 128
 
-# Sides of triangles show, lighter by this share, where a triangle has so many pixels.
+# Sides of triangles are drawn lighter by this share, if a triangle has at least this number
+# of pixels on average.
 _EDGE = 0.35
 _ROOM = 48
 
 
 def thumbnail(mesh: TriangleMesh) -> NDArray[np.uint8]:
-    """Draw a mesh as the map shows it: y up, unless rows count it, and in proportion.
+    """Draw a mesh with the proportions of the map; y points up, unless it is a row number.
 
     Returns
     -------
     uint8 (h, w, 4)
-        Red, green, blue and opacity, which is 0 where there is no triangle.
+        Red, green, blue and opacity; the opacity is 0 where there is no triangle.
     """
     page, window = _on_page(mesh)
     owners = find_owners(page, mesh.triangles, window)
@@ -52,7 +53,7 @@ def thumbnail(mesh: TriangleMesh) -> NDArray[np.uint8]:
 
 
 def _on_page(mesh: TriangleMesh) -> tuple[Points, Window]:
-    """Return the nodes in pixels of the picture, and its window."""
+    """Return the nodes in pixel coordinates of the thumbnail, and its window."""
     grid = mesh.grid
     west, south, east, north = grid.bounds()
     width, height = east - west, (north - south) * grid.aspect

@@ -1,4 +1,4 @@
-"""Which pixels each triangle owns, and the statistics of their values."""
+"""The pixels that each triangle owns, and statistics of their values."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""From band statistics to the columns of the attribute tables: names, values, colours."""
+"""Turn band statistics into columns of the attribute tables: names and values."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ if TYPE_CHECKING:
 
     from geomesh.zonal.statistics import Statistics
 
-# Columns that the nodes have already; a band must not take the name of one.
+# Names of other columns; a band must not have one of these names.
 _TAKEN = frozenset(("id", "kind", "col", "row", "scale", "response", "octave", "angle"))
 _TAKEN |= frozenset(("fid", "bbox", "geometry", "geom"))
-# Nor one whose statistics would be called as measures are: ki_min, ki_mean.
+# The statistics of a band with one of these names would have the name of a quality measure,
+# such as ki_min or ki_mean.
 _TAKEN |= frozenset(("ki", "map_ki"))
 _LONGEST_NAME = 40
 
@@ -26,7 +27,7 @@ def triangle_columns(
     band_names: Sequence[str],
     which: Sequence[str] = ("mean", "std", "min", "max"),
 ) -> dict[str, NDArray[Any]]:
-    """Return the triangles' columns: count, then <band>_<statistic> band by band."""
+    """Return the columns of the triangles: count, then <band>_<statistic> band by band."""
     columns: dict[str, NDArray[Any]] = {"count": stats.count}
     for band, name in enumerate(band_names):
         columns |= {f"{name}_{statistic}": getattr(stats, statistic)[band] for statistic in which}
@@ -34,15 +35,15 @@ def triangle_columns(
 
 
 def node_columns(stats: Statistics, band_names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return the nodes' columns: the value of each band, under its name."""
+    """Return the columns of the nodes: one for each band, with the value at the node."""
     return {name: stats.node_values[band] for band, name in enumerate(band_names)}
 
 
 def band_names(descriptions: Sequence[str | None]) -> list[str]:
-    """Return a column name for each band: its description made safe, else b1, b2, ...
+    """Return a column name for each band: made from its description, or else b1, b2, ...
 
-    Lower-case letters, digits and underscores, first a letter, at most 40
-    characters, each name once and none that the nodes' own columns have.
+    A name has only lower-case letters, digits and underscores, starts with a letter and has
+    at most 40 characters. All names are different, and none is the name of another column.
     """
     names: list[str] = []
     for number, description in enumerate(descriptions, start=1):

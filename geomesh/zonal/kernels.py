@@ -1,4 +1,4 @@
-"""The compiled loops of `geomesh.zonal`: pixels of triangles, moments of their values."""
+"""Compiled loops of `geomesh.zonal`: the pixels of triangles, and moments of their values."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def collect_pixels(
     stops: Counts,
     members: Ids,
 ) -> None:
-    """List the flat positions of the valid pixels of triangles, one triangle after the other.
+    """List the flat indices of the valid pixels of triangles, one triangle after the other.
 
     Parameters
     ----------
     valid : bool (h, w)
-        It begins at the pixel `origin` (row, col).
+        Its first pixel is `origin` (row, col).
     box : int64 (4,)
-        First and stop row, first and stop column: only pixels in it are counted.
+        First and stop row, first and stop column: only pixels inside are counted.
     pixels : int64 (T,)
-        Is set to the number of pixels that each triangle owns.
+        Output: number of pixels that each triangle owns.
     stops : int64 (T,)
-        Is set to where each triangle's pixels end in `members`.
+        Output: where the pixels of each triangle end in `members`.
     members : int32 (P + 1,)
-        Room for the pixels of the box, and one more.
+        Output, with space for the P pixels of the box and one more.
     """
     width, found = valid.shape[1], 0
     for t in range(len(triangles)):
@@ -65,7 +65,7 @@ def collect_pixels(
             owned += max(last - first, 0)
             r = row - origin[0]
             for col in range(first - origin[1], last - origin[1]):
-                # Written in any case, kept if valid: a branch would cost more.
+                # Always written, but counted only if valid: a branch would be slower.
                 members[found] = r * width + col
                 found += valid[r, col]
         pixels[t] = owned
@@ -74,19 +74,19 @@ def collect_pixels(
 
 @kernel(void(reads(float64, 1), reads(int32, 1), reads(int64, 1), writes(float64, 2)))
 def find_moments(values: Floats, members: Ids, stops: Counts, moments: Floats) -> None:
-    """Set mean, sum of squared deviations, least and greatest value of each triangle's pixels.
+    """Compute mean, sum of squared deviations, minimum and maximum of each triangle's pixels.
 
-    Sums are taken relative to the first value: it is one of those measured, so the
-    correction subtracted at the end is of the order of the sum itself. For whole
-    numbers of up to 16 bits every sum is exact.
+    Sums are relative to the triangle's first value. Because it is one of the values, the
+    correction subtracted at the end is of the same order as the sum itself. For integers of
+    up to 16 bits every sum is exact.
 
     Parameters
     ----------
     values : float64 (P,)
     members, stops
-        As `collect_pixels` leaves them.
+        The output of `collect_pixels`.
     moments : float64 (4, T)
-        Left alone for triangles without a pixel.
+        Output; not changed for triangles without a pixel.
     """
     start = 0
     for t in range(len(stops)):

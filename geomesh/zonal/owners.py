@@ -1,4 +1,4 @@
-"""The triangle that owns each pixel, as an image of numbers."""
+"""The triangle that owns each pixel, as an image of triangle ids."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def find_owners(nodes: Points, triangles: Triangles, window: Window) -> Ids:
     nodes : float64 (N, 2)
         Pixel-edge coordinates.
     triangles : int32 (T, 3)
-        Of either orientation.
+        In either orientation.
     window : Window
 
     Returns
     -------
     int32 (height, width)
-        Triangle ids; `FILL` where no triangle owns the pixel. Where triangles
-        overlap, the last one.
+        Triangle ids; `FILL` where no triangle owns the pixel. Where triangles overlap,
+        the last triangle owns the pixel.
     """
     owners = np.full(window.shape, FILL, np.int32)
     nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)

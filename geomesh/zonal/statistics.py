@@ -1,8 +1,8 @@
-"""What the raster holds in each triangle and at each node.
+"""Statistics of the raster in each triangle, and its values at each node.
 
-A scene is measured tile by tile (`measure_scene`): each by itself (`measure_tile`),
-and the partial results are merged in the order of the tile plan (`merge`), so that
-the outcome is the same to the last bit whichever process measured which tile.
+`measure_scene` measures a scene tile by tile. `measure_tile` measures one tile by itself,
+and `merge` merges the partial results in the order of the tile plan. So the result is the
+same to the last bit, no matter which process measured which tile.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TilePartial:
-    """What one tile adds to the statistics of a mesh.
+    """The statistics of one tile.
 
     Parameters
     ----------
     index : int32 (K,)
         The triangles that may own a pixel of the tile's core, each once.
     pixels, count : int64 (K,)
-        Pixels of the core that they do own, and the valid ones among them.
+        Number of pixels of the core that they own, and of the valid pixels among them.
     moments : float64 (4, B, K)
-        Mean, sum of squared deviations from it, least and greatest value of the
-        valid pixels; without meaning where the count is 0.
+        Mean, sum of squared deviations from it, minimum and maximum of the valid pixels;
+        undefined where `count` is 0.
     centroid_index : int32 (C,)
-        The triangles without valid pixel here whose centroid lies in the core.
+        The triangles that have no valid pixel in the core and their centroid in it.
     centroid_values : float64 (B, C)
-        Value of the pixel that holds the centroid, NaN if it is not valid.
+        Value of the pixel that contains the centroid; NaN if it is not valid.
     node_index : int32 (M,)
         The nodes in the core.
     node_values : float64 (B, M)
-        Value at the node, NaN if no pixel around it is valid.
+        Value at the node; NaN if no pixel around it is valid.
     """
 
     index: Ids
@@ -70,13 +70,14 @@ class Statistics:
     Parameters
     ----------
     pixels, count : int64 (T,)
-        Pixels whose centre the triangle owns, and the valid ones among them.
+        Number of pixels that the triangle owns, and of the valid pixels among them.
     mean, std, min, max : float64 (B, T)
-        Of the valid pixels; `std` is that of the population (divided by the
-        count). A triangle without valid pixel has the value of the pixel that
-        holds its centroid and `std` 0; NaN if that is not valid either.
+        Of the valid pixels; `std` is that of the population (divided by the count). A
+        triangle without a valid pixel has the value of the pixel that contains its
+        centroid, and `std` 0. If that pixel is not valid either, all four are NaN.
     node_values : float64 (B, N)
-        Bilinear between pixel centres, over the valid ones; NaN where none is.
+        Bilinear interpolation between the centres of valid pixels; NaN if there are none
+        around the node.
     """
 
     pixels: Counts
@@ -95,7 +96,7 @@ class Statistics:
 def measure_scene(
     nodes: Points, triangles: Triangles, scene: Scene, workers: Workers, progress: Progress
 ) -> Statistics:
-    """Return what a scene holds in each triangle and at each node of a mesh of it."""
+    """Return the band statistics of a scene in the triangles and at the nodes of its mesh."""
     tiles = plan_tiles(scene.grid.extent, halo=1)
     parts = zip(tiles, split_by_tiles(nodes, triangles, tiles), strict=True)
     partials = map_tiles(
@@ -136,16 +137,16 @@ def measure_tile(
     nodes : float64 (N, 2)
         Pixel-edge coordinates of the whole mesh.
     triangles : int32 (T, 3)
-        All triangles, of either orientation.
+        All triangles, in either orientation.
     bands : any real dtype, (B, h, w)
-        Values as read, finite where valid; taken as float64.
+        Values of the pixels, finite where valid; converted to float64.
     valid : bool (h, w)
     window : Window
-        What `bands` and `valid` cover: the core and at least one pixel around it,
-        save where the image ends. A core without a pixel beyond it on some side
-        is taken to end with the image there.
+        The pixels of `bands` and `valid`: the core and at least one pixel around it, except
+        where the image ends. On a side without a pixel around the core, the image is
+        assumed to end there.
     core : Window
-        The pixels that this tile answers for.
+        The pixels that this tile measures.
 
     Raises
     ------
@@ -191,10 +192,10 @@ def measure_tile(
 def merge(
     partials: Iterable[TilePartial], n_triangles: int, n_nodes: int, n_bands: int
 ) -> Statistics:
-    """Merge the partial results of the tiles of an image, in the order given.
+    """Merge the partial results of the tiles of an image, in the given order.
 
-    Means and squared deviations are combined pairwise (Chan, Golub and LeVeque
-    1983), so that no squares of the values themselves are ever subtracted.
+    Means and squared deviations are combined pairwise (Chan, Golub and LeVeque 1983). So
+    squares of the values themselves, which lose precision, are never subtracted.
     """
     pixels, count = np.zeros((2, n_triangles), np.int64)
     moments = np.zeros((4, n_bands, n_triangles))
@@ -215,7 +216,7 @@ def merge(
 
 
 def _add(part: TilePartial, pixels: Counts, count: Counts, moments: Floats) -> None:
-    """Add what one tile found to the whole: (T,), (T,) and (4, B, T)."""
+    """Add the results of one tile to the totals (T,), (T,) and (4, B, T), in place."""
     pixels[part.index] += part.pixels
     own = part.count > 0
     t, more = part.index[own], part.count[own]
@@ -232,9 +233,9 @@ def _add(part: TilePartial, pixels: Counts, count: Counts, moments: Floats) -> N
 
 
 def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:
-    """Tell which points the core holds: half-open, but without limit where the image ends.
+    """Return which points are in the core: half-open, but unlimited where the image ends.
 
-    So a node on the image's right or lower border has a tile, too.
+    So a node on the right or lower border of the image also belongs to a tile.
     """
     left = -np.inf if core.col == window.col else core.col
     right = np.inf if core.stop_col == window.stop_col else core.stop_col
@@ -248,7 +249,7 @@ def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:
 def sample(
     x: Floats, y: Floats, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
 ) -> Floats:
-    """Return the values (B, P) of the pixels at x, y; NaN where not valid or not there."""
+    """Return the values (B, P) of the pixels at x, y; NaN if invalid or outside the window."""
     col, row = np.floor(x).astype(np.intp) - window.col, np.floor(y).astype(np.intp) - window.row
     there = (col >= 0) & (col < window.width) & (row >= 0) & (row < window.height)
     col, row = np.where(there, col, 0), np.where(there, row, 0)

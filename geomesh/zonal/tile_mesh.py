@@ -1,4 +1,4 @@
-"""A mesh cut into the parts that meet each tile."""
+"""Split a mesh into one part for each tile."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TileMesh:
-    """The part of a mesh that meets the core of a tile.
+    """The part of a mesh that may overlap the core of a tile.
 
     Parameters
     ----------
@@ -30,8 +30,9 @@ class TileMesh:
     triangles : int32 (K, 3)
         Indices into `nodes`.
     node_ids : int32 (n,)
+        Ids of these nodes in the whole mesh.
     triangle_ids : int32 (K,)
-        Their numbers in the mesh.
+        Ids of these triangles in the whole mesh.
     """
 
     nodes: Points
@@ -43,7 +44,9 @@ class TileMesh:
 def split_by_tiles(
     nodes: Points, triangles: Triangles, tiles: Sequence[Tile]
 ) -> Iterator[TileMesh]:
-    """Yield the part of a mesh in each tile, in their order, made one at a time.
+    """Yield the part of a mesh in each tile, in the order of the tiles.
+
+    Parts are made one at a time, which saves memory.
 
     Parameters
     ----------
@@ -51,7 +54,7 @@ def split_by_tiles(
         Pixel-edge coordinates.
     triangles : int32 (T, 3)
     tiles : sequence of Tile
-        A whole plan: row by row, as `geomesh.parallel.tiles.plan_tiles` has it.
+        All tiles of a plan, row by row, as `geomesh.parallel.tiles.plan_tiles` returns them.
     """
     cols = np.unique([tile.core.col for tile in tiles]).astype(np.float64)
     rows = np.unique([tile.core.row for tile in tiles]).astype(np.float64)
@@ -65,7 +68,7 @@ def split_by_tiles(
 def triangles_in_box(
     nodes: Points, triangles: Triangles, box: tuple[float, float, float, float]
 ) -> Ids:
-    """Return the triangles whose bounding box meets the box (left, right, top, bottom)."""
+    """Return the triangles whose bounding box touches the box (left, right, top, bottom)."""
     left, right, top, bottom = box
     low_x, high_x = _range(nodes[:, 0], triangles)
     low_y, high_y = _range(nodes[:, 1], triangles)
@@ -74,7 +77,7 @@ def triangles_in_box(
 
 
 def _range(values: Floats, triangles: Triangles) -> tuple[Floats, Floats]:
-    """Return the least and the greatest of the values (N,) at the corners of each triangle."""
+    """Return the minimum and maximum of the values (N,) at the corners of each triangle."""
     a, b, c = (values[triangles[:, k]] for k in range(3))
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
@@ -82,10 +85,10 @@ def _range(values: Floats, triangles: Triangles) -> tuple[Floats, Floats]:
 def _bin_triangles(
     nodes: Points, triangles: Triangles, cols: Floats, rows: Floats
 ) -> tuple[NDArray[np.int64], Ids]:
-    """Return which triangles' bounding boxes meet each tile, in compressed sparse rows.
+    """Return which triangles' bounding boxes touch each tile, in compressed sparse rows.
 
-    Tiles begin at `cols` and `rows`, the last ones end nowhere. A border is met from
-    both sides, so that what `triangles_in_box` finds is always among them.
+    Tiles start at `cols` and `rows`; the last tiles have no end. A border belongs to the
+    tiles on both sides, so the result includes everything that `triangles_in_box` finds.
     """
     first, stop = np.empty((2, len(triangles), 2), np.int32)  # column and row of tiles
     for block in blocks(len(triangles)):

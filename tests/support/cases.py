@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 NO_CRS = "has no CRS, so the mesh has no CRS either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"
 NO_KEYPOINTS = "no keypoints found .* the outline only"
-FEWER = "nodes of the .* asked for: the image has no more keypoints"
+FEWER = "of the .* requested nodes: the image has no more keypoints"
 NO_HULL = "span no area: the mesh covers the whole frame"
 
 
