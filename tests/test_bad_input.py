@@ -299,8 +299,8 @@ AS_GEOJSON: dict[str, str | None] = {
     "no crs": "the mesh has no CRS: georeference the raster, or write .gpkg",
     "no georeference": "the mesh has no CRS: georeference the raster, or write .gpkg",
     "rpc": "the mesh has no CRS: georeference the raster, or write .gpkg",
-    "local crs": "no way to them from 'site grid': write .gpkg",
-    "Mars": "no way to them from .*Mars.*: write .gpkg",
+    "local crs": "no transformation from 'site grid' to them: write .gpkg",
+    "Mars": "no transformation from .*Mars.* to them: write .gpkg",
     "geostationary": "nodes have none: leave them out with --bounds or --mask, or write .gpkg",
     "half a pixel beyond the poles": "nodes have none: leave them out with --bounds or --mask",
 }

@@ -232,7 +232,7 @@ def test_a_map_of_any_column_with_any_option_of_geopandas(olinda):
 def test_a_map_of_too_many_triangles_is_refused_with_the_way_out(olinda):
     mesh = geomesh.mesh_raster(olinda, nodes=300)
     with pytest.raises(
-        OutputError, match=r"495 triangles are more than .* \(400\): mesh with nodes=200 or"
+        OutputError, match=r"495 triangles are too many .* \(at most 400\): mesh with nodes=200 or"
     ):
         mesh.explore(most=400)
     assert mesh.explore(most=None, tiles=None) is not None
@@ -249,7 +249,7 @@ MARS = CRS("+proj=longlat +a=3396190 +b=3376200 +no_defs")
 @pytest.mark.parametrize(
     ("grid", "told"),
     [
-        (ORIENTATIONS["no georeference"], r"no CRS.*mesh the raster with `crs='EPSG:\.\.\.'"),
+        (ORIENTATIONS["no georeference"], r"no CRS.*mesh the raster with `crs='EPSG:\.\.\.'`"),
         (
             Grid(40, 30, Affine(0.1, 0, 0, 0, -0.1, 0), CRS("IAU_2015:49900")),
             "there is no transformation",
