@@ -19,9 +19,17 @@ if TYPE_CHECKING:
 # Seconds that a process has to clean up after `terminate`.
 _GRACE = 3.0
 
-
-# The folder that geomesh was imported from.
-_PACKAGES = str(Path(__file__).parents[2])
+# What a process runs. It imports geomesh from where this one did: from the folder of the package,
+# before other installed packages, but after the standard library. -P: never from the user's
+# working folder.
+_PROGRAM = """
+import sys
+installed = [i for i, path in enumerate(sys.path) if path.endswith("-packages")]
+sys.path.insert(min(installed, default=len(sys.path)), {folder!r})
+from {module} import main
+main()
+"""
+_FOLDER = str(Path(__file__).parents[2])
 
 
 class Process:
@@ -36,10 +44,9 @@ class Process:
     """
 
     def __init__(self, module: str, *, quiet: bool) -> None:
-        code = f"import sys; sys.path.append({_PACKAGES!r}); from {module} import main; main()"
-        # -P: do not import modules from the user's working folder.
+        program = _PROGRAM.format(folder=_FOLDER, module=module)
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", code],
+            [sys.executable, "-P", "-c", program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL if quiet else None,

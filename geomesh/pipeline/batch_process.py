@@ -12,6 +12,7 @@ import signal
 import sys
 import time
 import warnings
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from geomesh.errors import GeomeshError, GeomeshWarning, one_line
@@ -36,12 +37,10 @@ def main() -> None:
 
     keep_freed_memory()
     load_pyogrio()
-    with open_workers(1) as workers:
+    # Either end of the pipes is closed when the parent process has ended.
+    with suppress(EOFError, BrokenPipeError), open_workers(1) as workers:
         while True:
-            try:
-                job = pickle.load(sys.stdin.buffer)
-            except EOFError:
-                return
+            job = pickle.load(sys.stdin.buffer)
             outcome = _mesh_small(job, workers, _progress_sender(answers))
             pickle.dump(outcome, answers)
             answers.flush()
