@@ -8,15 +8,19 @@ QGIS_VENV ?= .venv-qgis
 BIN := $(VENV)/bin
 SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
 SITE := build/docs
+KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py detect.py kernels.py outline.py \
+	paint.py rasterize.py tiled.py topology.py triangulate.py zonal.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast lint docs bench bench-scale plugin test-qgis qgis-is-there clean
+.PHONY: help demo test test-fast test-bounds lint hooks docs bench bench-scale plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
-	@echo "make test    run everything: pytest, ruff, mypy, import-linter"
+	@echo "make test    run everything: pytest, ruff, mypy, import-linter, codespell"
 	@echo "make test-fast  pytest without its slow tests: less than two minutes"
-	@echo "make lint    ruff, mypy and import-linter alone"
+	@echo "make test-bounds  the tests of compiled kernels, with every index checked"
+	@echo "make lint    ruff, mypy, import-linter and codespell alone"
+	@echo "make hooks   check each commit: ruff and codespell, before it is made"
 	@echo "make docs    build the documentation into $(SITE)/"
 	@echo "make bench   compare speed with the peers, in one run"
 	@echo "make bench-scale  time and memory from 1 to 120 megapixels, beside the bare work"
@@ -58,17 +62,27 @@ demo: $(BIN)/.installed
 	@echo "  open out/olinda.gpkg in QGIS, or: geopandas.read_file('out/olinda.gpkg')"
 
 test: $(BIN)/.developing
-	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup
+	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup --cov --cov-report term
 	$(MAKE) --no-print-directory lint
 
 test-fast: $(BIN)/.developing
 	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup -m "not slow"
+
+# The loops over arrays that numba compiles, with every index checked. In a cache of their own:
+# two cores compile for a minute, and nothing else needs that code.
+test-bounds: $(BIN)/.developing
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR="$(abspath build)/bounds-checked" $(BIN)/python -m pytest \
+		--numprocesses auto $(KERNEL_TESTS)
 
 lint: $(BIN)/.developing
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	PYTHONPATH=qgis_plugin $(BIN)/lint-imports --no-logo
+	$(BIN)/codespell
+
+hooks: $(BIN)/.developing
+	$(BIN)/pre-commit install
 
 $(BIN)/.documenting: $(BIN)/.installed
 	@echo "Adding what the documentation needs ..."

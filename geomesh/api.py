@@ -1,4 +1,4 @@
-"""What users import: Mesh with its conveniences, and how to make, read and picture one."""
+"""The names that users import: Mesh, and functions that make, read and show a mesh."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 class Mesh(TriangleMesh):
     """A conforming triangle mesh of a raster.
 
-    `mesh_raster` and `read_mesh` return it. It is a `TriangleMesh` that also writes, draws
-    and compares itself; it has no fields of its own.
+    `mesh_raster` and `read_mesh` return it. It adds methods to `TriangleMesh` that write, draw
+    and compare the mesh. It has no other fields.
     """
 
     @classmethod
     def of(cls, mesh: TriangleMesh) -> Mesh:
-        """Return the same mesh as a Mesh; arrays are shared."""
+        """Return the same mesh as a Mesh. The arrays are not copied."""
         return cls(**{field.name: getattr(mesh, field.name) for field in fields(mesh)})
 
     def _repr_html_(self) -> str:
@@ -54,9 +54,9 @@ class Mesh(TriangleMesh):
         ----------
         path : path-like
         layers : iterable of {"triangles", "edges", "nodes"}, optional
-            All three by default in a GeoPackage, else the triangles.
+            By default all three in a GeoPackage, and the triangles in other formats.
         driver : str, optional
-            Name of a format (see docs/formats.md); by the extension of `path` if not given.
+            Name of a format (see docs/formats.md). Default: from the extension of `path`.
         overwrite : bool
             Replace an existing file.
         progress : callable(fraction, message), optional
@@ -77,7 +77,10 @@ class Mesh(TriangleMesh):
         return measure_fidelity(self, source, **options)
 
     def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
-        """Paint the mesh on a raster's pixels; see `geomesh.io.render.render_file`."""
+        """Write the mesh as a raster on the pixels of `source`.
+
+        See `geomesh.io.render.render_file`.
+        """
         from geomesh.io.render import render_file
 
         return render_file(self, source, path, **options)
@@ -89,7 +92,7 @@ class Mesh(TriangleMesh):
         return plot_mesh(self, column, **options)
 
     def explore(self, column: str = "color", **options: Any) -> Any:
-        """Show the triangles on a web map: see `geomesh.view.notebook.explore`."""
+        """Show the triangles on a web map; see `geomesh.view.notebook.explore`."""
         from geomesh.view.notebook import explore
 
         return explore(self, column, **options)
@@ -117,31 +120,31 @@ def mesh_raster(
     ----------
     source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
     preset : {"features", "paper"}
-        "features": nodes at the image's own resolution over the whole valid area;
-        "paper": the published system to the letter, at 256 x 256 pixels.
+        "features": nodes at the image's own resolution, over the whole valid area.
+        "paper": exactly the published system, at 256 x 256 pixels.
     recipe : Recipe, optional
-        Takes the place of the preset.
+        Used instead of the preset.
     bidx : sequence of int, optional
-        1-based bands to use; all but alpha by default.
+        Bands to use; the first band is 1. Default: all except alpha.
     nodata : float, optional
-        Takes the place of the file's own nodata value.
+        Used instead of the file's own nodata value.
     crs : str, int or pyproj.CRS, optional
-        Takes the place of the file's own coordinate system; nothing is reprojected.
+        Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
         Box in map coordinates to crop to.
     mask : path, GeoDataFrame or GeoSeries, optional
-        Area of interest.
+        Polygons of the area of interest. Pixels outside are ignored.
     name : str, optional
-        What messages and metadata call the source, if not by its path.
+        Name of the source in messages and metadata. Default: its path.
     workers : int, optional
-        How many tiles to work on at a time; one a core by default. The mesh is the same
-        to the last bit whatever their number.
+        Number of tiles to process at the same time. Default: one per core. Any number
+        gives the same mesh, bit for bit.
     executor : concurrent.futures.Executor, optional
-        Takes the place of geomesh's own threads: processes, or a Dask cluster's
-        ``Client.get_executor()``, which cannot tell its size: give `workers`, too. They
-        open the source by its path.
+        Used instead of geomesh's own threads: a pool of processes, or
+        ``Client.get_executor()`` of a Dask cluster. The executor of Dask does not report
+        its size, so give `workers` too. Its workers open the source by its path.
     progress : bool or callable(fraction, message)
-        True shows a progress bar; a callable may raise to cancel.
+        True shows a progress bar. A callable can raise an exception to cancel.
     **values
         Parameters of the recipe to change, such as ``nodes=5000``.
 
@@ -152,7 +155,7 @@ def mesh_raster(
     Raises
     ------
     GeomeshError
-        With one line that says what is wrong and what to do.
+        The message is one line that says what is wrong and what to do.
 
     Examples
     --------
@@ -173,7 +176,7 @@ def mesh_raster(
 
 
 def read_mesh(path: str | PathLike[str]) -> Mesh:
-    """Return the mesh in a GeoPackage that geomesh wrote.
+    """Read a mesh from a GeoPackage that geomesh wrote.
 
     Parameters
     ----------
@@ -182,13 +185,13 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
     Returns
     -------
     Mesh
-        Equal to the one that was written, to the last bit.
+        Equal to the mesh that was written, bit for bit.
 
     Raises
     ------
     MeshFileError
-        If the file is missing, is not a GeoPackage of geomesh, lacks the nodes or the
-        triangles, or had rows or columns removed since it was written.
+        If the file does not exist or is not a GeoPackage of geomesh. If it does not contain
+        the nodes or the triangles. If rows or columns were removed after it was written.
     """
     from geomesh.io.read import read_mesh
 
@@ -208,10 +211,10 @@ def stages(
     progress: bool | Progress = False,
     **values: Any,
 ) -> Stages:
-    """Return what each stage of the pipeline gives for a raster, to look at.
+    """Return the result of each stage of the pipeline for a raster.
 
-    A raster of more than 2048 pixels a side is shown by its middle; choose another part
-    with `bounds`.
+    If a side of the raster is longer than 2048 pixels, only its middle is shown. Choose
+    another part with `bounds`.
 
     Parameters
     ----------
@@ -223,7 +226,7 @@ def stages(
     Returns
     -------
     Stages
-        The gray image, the Canny edges and the mesh; ``plot()`` draws them side by side.
+        The gray image, the Canny edges and the mesh. ``plot()`` draws them next to each other.
 
     Examples
     --------

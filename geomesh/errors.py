@@ -1,7 +1,7 @@
-"""What can go wrong, told in one line each: what, with the value, and the way out.
+"""Errors of geomesh. Each message is one line: what is wrong, the value, and the way out.
 
-Every class has a `code`: the stable word that machine readers (the JSON-lines
-protocol, batch scripts) see instead of the prose.
+Every class has a `code`: a stable word for programs that read the JSON lines or the
+results of a batch. The text of a message can change; the code does not.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error says, or what caused it, in one line."""
+    """Return the message of an error, or of its cause if it has one, as one line."""
     return " ".join(str(error.__cause__ or error).split()) or type(error).__name__
 
 
 class GeomeshError(Exception):
-    """Root of every error that geomesh raises on purpose; its text is one line."""
+    """Base class of every error that geomesh raises on purpose. The message is one line."""
 
     code = "error"
 
     def __str__(self) -> str:
-        # A file's name may hold a line break.
+        # The name of a file may contain a line break.
         return " ".join(super().__str__().splitlines())
 
 
@@ -35,49 +35,49 @@ class SourceError(GeomeshError):
 
 
 class BandError(GeomeshError):
-    """The bands asked for do not exist or cannot be used."""
+    """A requested band does not exist or cannot be used."""
 
     code = "band"
 
 
 class EmptyError(GeomeshError):
-    """There is no valid pixel to work on."""
+    """There is no valid pixel."""
 
     code = "empty"
 
 
 class RecipeError(GeomeshError):
-    """A parameter of the recipe has a value that makes no sense."""
+    """A parameter of the recipe has an invalid value."""
 
     code = "recipe"
 
 
 class GeoreferenceError(GeomeshError):
-    """The georeference is missing or does not allow what was asked."""
+    """The georeference is missing, or does not allow the requested operation."""
 
     code = "georeference"
 
 
 class OutputError(GeomeshError):
-    """The output cannot be written: it exists, or its place or format is wrong."""
+    """The output cannot be written: it exists already, or its path or format is wrong."""
 
     code = "output"
 
 
 class MeshFileError(GeomeshError):
-    """A file does not hold a mesh that geomesh can read back."""
+    """A file does not contain a mesh that geomesh can read."""
 
     code = "mesh-file"
 
 
 class CertificateError(GeomeshError):
-    """A mesh failed its own checks; it is never written."""
+    """A mesh failed its certificate. Such a mesh is never written."""
 
     code = "certificate"
 
 
 class WorkerError(GeomeshError):
-    """Those who should do the work cannot be reached, or were lost."""
+    """The workers cannot be reached, or a worker was lost."""
 
     code = "worker"
 
@@ -89,12 +89,12 @@ class MissingExtraError(GeomeshError):
 
 
 class GeomeshWarning(UserWarning):
-    """Something the user should know; the result stands."""
+    """Something that the user should know. The result is still valid."""
 
 
 @contextmanager
 def extra_required(library: str, extra: str) -> Iterator[None]:
-    """Raise MissingExtraError, which names the extra, if an import in the block fails."""
+    """Raise MissingExtraError if an import in the block fails. The message names the extra."""
     try:
         yield
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""The values that parameters may have: choices by name, and the rules of a recipe."""
+"""Allowed values of parameters: lists of choices, and the rules for a recipe."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DOMAINS = ("valid", "image", "hull")
 SIFT_SOURCES = ("gray", "edges")
 STATISTICS = ("mean", "std", "min", "max")
 
-# An edge farther away than the halo of a tile could not be seen from it.
+# Largest value of edge_distance, in pixels. A tile does not see edges outside its halo.
 FARTHEST_EDGE = 32
 LARGEST_RESIZE = 32_767
 _LARGEST_NUMBER = 1e300
@@ -63,7 +63,7 @@ _OPTIONAL: Rule = (
 RULES: Mapping[str, Rule] = {
     "preset": _TEXT,
     "gray": (_is_gray, f"one of {', '.join(GRAY_METHODS)} or band:N"),
-    "stretch": (_is_stretch, "two rising percentiles such as [2, 98]"),
+    "stretch": (_is_stretch, "two increasing percentiles such as [2, 98]"),
     "stretch_gray": _FLAG,
     "sobel": _FLAG,
     "resize": (

@@ -1,6 +1,6 @@
-"""Recipe: every number of every stage, under the field's own name.
+"""Recipe: the parameters of all stages, and the presets.
 
-This module imports nothing heavy, so that `geomesh --help` can list the presets.
+This module imports no slow library, because `geomesh --help` lists the presets.
 """
 
 from __future__ import annotations
@@ -14,79 +14,82 @@ from typing import Any
 from geomesh.errors import RecipeError
 from geomesh.parameters import RULES, STATISTICS
 
-# Up to this octave a halo of 64 pixels reproduces what the whole image gives.
+# Up to this octave, a tile with a halo of 64 pixels gives the keypoints of the whole image.
 LOCAL_OCTAVE = 2
 
-# The widest blur within an octave that is still local: that of SIFT's usual layers.
+# The largest blur within an octave for which that is true: the one of SIFT's default layers.
 LOCAL_BLUR = 1.6 * 2 ** (2 / 3)
 
-# Parameters that JSON gives as lists.
+# Parameters that are lists in JSON.
 _TUPLES = ("stretch", "resize", "statistics")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """How a raster becomes a mesh.
+    """The parameters that decide how a raster becomes a mesh.
 
-    The defaults are the `features` preset. A recipe is written into every output,
-    so that a mesh can be made again: ``Recipe.from_json(document)``.
+    The defaults are the `features` preset. Every output contains its recipe, so the same
+    mesh can be made again: ``Recipe.from_json(document)``.
 
     Parameters
     ----------
     preset : str
-        Name of the preset that the values started from.
+        Name of the preset that the recipe started from.
     gray : {"auto", "luma", "mean", "pca"} or "band:N"
         How the bands become one gray image: Rec. 601 luma, mean, first principal
-        component, or one band (1-based in the file). "auto" is luma where the
-        bands are red, green and blue, the band itself where there is one, else pca.
+        component, or one band of the file (the first is 1). "auto" is luma if the
+        bands are red, green and blue, the band itself if there is only one, else pca.
     stretch : (float, float)
         Percentiles of the valid pixels that become black and white.
     stretch_gray : bool
-        Stretch the gray image (True), or each band before it, and 8-bit bands
-        not at all (False, as in the paper).
+        True: stretch the gray image. False, as in the paper: stretch each band before
+        the gray image is made, and do not stretch 8-bit bands.
     sobel : bool
-        Replace the gray image by its Sobel magnitude before anything else.
+        Replace the gray image by its Sobel magnitude before all other steps.
     resize : (int, int) or None
         Width and height in pixels to resize to; None keeps the native resolution.
     canny_low, canny_high : float or None
         Hysteresis thresholds on the 3x3 Sobel gradient of the 8-bit gray image,
-        in gray levels; None sets them from the median gradient.
+        in gray levels. None: computed from the median gradient.
     canny_l2 : bool
-        Measure the gradient by its L2 norm; False: L1, as OpenCV does by default.
+        True: measure the gradient by its L2 norm. False: by its L1 norm, the default
+        of OpenCV.
     sift_source : {"gray", "edges"}
-        The image that SIFT looks at: the gray one, or the Canny edge map.
+        The input image of SIFT: the gray image, or the Canny edge map.
     sift_upsample : bool
-        Look for keypoints in the image at twice its size, as SIFT does. False: at its
-        own size, smoothed over 2 x 2 pixels; that takes less than half of the time and
-        leaves the finest keypoints out, which are most of them.
+        True: search for keypoints in the image at twice its size, the default of SIFT.
+        False: at its own size, smoothed over 2 x 2 pixels. This takes less than half of
+        the time, but misses the finest keypoints, which are most of all keypoints.
     sift_max_octave : int or None
-        Highest octave kept (-1 is the doubled image, 0 the native one). A cap
-        makes keypoints local, which tiles need; None keeps all.
+        Highest octave to keep (-1 is the doubled image, 0 the native one). Tiles need a
+        limit, because a keypoint of a high octave depends on a large area. None: all.
     sift_octave_layers : int
-        Layers in each octave.
+        Layers per octave.
     sift_contrast_threshold, sift_edge_threshold : float
-        OpenCV's thresholds on contrast and on edge-likeness, without unit.
+        OpenCV's thresholds on contrast and on similarity to an edge, without unit.
     sift_sigma : float
         Blur of the first octave, in pixels.
     edge_distance : float or None
-        Keypoints must lie within so many pixels of a Canny edge (counted between
-        pixel centres); None keeps all.
+        Largest distance of a keypoint to a Canny edge, in pixels between pixel centres.
+        Keypoints farther away are dropped. None: all are kept.
     min_spacing : float
-        Least distance between feature nodes, in pixels; the strongest stays.
+        Smallest distance between feature nodes, in pixels. The strongest node is kept.
     nodes : int, str or None
         Node budget: a number, or a percentage of the valid pixels such as "1%".
         The strongest features are kept, spread evenly over the image. None: all.
     domain : {"valid", "image", "hull"}
-        What the mesh covers: the valid data, the whole frame, or the convex hull
-        of the keypoints.
+        Area of the mesh: the valid data, the whole frame, or the convex hull of the
+        keypoints.
     border_spacing : float or None
-        Nodes are added along the outline until they are as close to each other as
-        to the nearest feature node, but no closer than this, in pixels; None takes
-        the median distance between feature nodes.
+        Smallest distance between the nodes that are added along the outline, in pixels.
+        Nodes are added until they are as close to each other as to the nearest feature
+        node, or until they reach this distance. None: the median distance between
+        feature nodes.
     min_hole : int
-        Holes of nodata and islands of data with fewer pixels are bridged or dropped.
+        Holes of nodata with fewer pixels are filled, and islands of data with fewer
+        pixels are dropped.
     statistics : tuple of {"mean", "std", "min", "max"}
-        What is measured in each triangle, for each band.
+        What to compute for each triangle and each band.
     """
 
     preset: str = "features"
@@ -119,9 +122,9 @@ class Recipe:
             if isinstance(value, list) and field.name in _TUPLES:
                 value = tuple(map(_plain, value))
             object.__setattr__(self, field.name, _plain(value))
-        for name, (holds, expected) in RULES.items():
+        for name, (is_valid, expected) in RULES.items():
             value = getattr(self, name)
-            if not holds(value):
+            if not is_valid(value):
                 raise RecipeError(f"{name} is {value!r}: expected {expected}")
         low, high = self.canny_low, self.canny_high
         if low is not None and high is not None and low > high:
@@ -134,7 +137,7 @@ class Recipe:
         self.node_budget(1)
 
     def node_budget(self, pixels: int) -> int | None:
-        """Return the node budget for an image of so many valid pixels, or None for no limit."""
+        """Return the node budget for an image with `pixels` valid pixels; None: no limit."""
         if self.nodes is None:
             return None
         text = str(self.nodes).strip()
@@ -145,30 +148,30 @@ class Recipe:
             number = math.nan
         if not 0 < number < math.inf:
             raise RecipeError(
-                f"nodes is {self.nodes!r}: give a number such as 5000 or a share such as 1%"
+                f"nodes is {self.nodes!r}: give a number such as 5000 or a percentage such as 1%"
             )
         return max(round(number / 100 * pixels), 1) if percent else int(number)
 
     @property
     def is_local(self) -> bool:
-        """Whether a keypoint depends on its neighbourhood only, so that tiles can find it.
+        """Whether tiles find the same keypoints as the whole image.
 
-        High octaves and wide blurs look too far, and SIFT on the edge map needs
-        hysteresis to be finished first: such recipes take the image as one tile.
+        High octaves and large blurs need a larger halo than tiles have. SIFT on the edge
+        map needs hysteresis of the whole image first. Such recipes use one tile.
         """
         capped = self.sift_max_octave is not None and self.sift_max_octave <= LOCAL_OCTAVE
         blur = self.sift_sigma * 2 ** (2 / self.sift_octave_layers)
         return capped and blur <= LOCAL_BLUR and self.sift_source == "gray"
 
     def with_values(self, **values: Any) -> Recipe:
-        """Return the recipe with other values; unknown names raise RecipeError."""
+        """Return the recipe with some values changed; unknown names raise RecipeError."""
         known = {field.name for field in fields(self)}
         for name in values:
-            _require_one_of("a recipe's parameter", name, tuple(sorted(known)))
+            _require_one_of("a parameter of the recipe", name, tuple(sorted(known)))
         return replace(self, **values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the recipe as plain JSON values."""
+        """Return the recipe as a dict of JSON values."""
         values = asdict(self)
         return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
 
@@ -180,7 +183,7 @@ class Recipe:
     def from_dict(cls, values: Mapping[str, Any]) -> Recipe:
         """Return the recipe that `to_dict` wrote."""
         if not isinstance(values, Mapping):
-            raise RecipeError(f"{values!r} is no recipe: expected names and values")
+            raise RecipeError(f"{values!r} is not a recipe: expected names and values")
         return cls().with_values(**values)
 
     @classmethod
@@ -194,13 +197,13 @@ class Recipe:
 
     @classmethod
     def from_preset(cls, name: str) -> Recipe:
-        """Return the recipe of a preset: see `PRESETS`."""
+        """Return the recipe of a preset; see `PRESETS`."""
         _require_one_of("preset", name, tuple(PRESETS))
         return PRESETS[name]
 
 
 def _plain(value: Any) -> Any:
-    """Return numpy's numbers as Python's: JSON knows no others."""
+    """Convert a number of numpy to Python, because JSON cannot write it otherwise."""
     return value.item() if hasattr(value, "item") else value
 
 
@@ -210,8 +213,8 @@ def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 
 
 PRESETS: Mapping[str, Recipe] = {
-    # The published system to the letter; its silences (thresholds, interpolation)
-    # are OpenCV's defaults and the usual forms.
+    # Exactly the published system. Where the paper gives no value (thresholds,
+    # interpolation), this uses the defaults of OpenCV and the usual methods.
     "paper": Recipe(
         preset="paper",
         stretch_gray=False,

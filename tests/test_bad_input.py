@@ -266,10 +266,10 @@ OBJECTS: dict[str, tuple[Open, tuple[str, ...], int | None]] = {
 
 NO_OBJECTS: dict[str, tuple[Open, str]] = {
     "closed dataset": (closed, "closed"),
-    "array of size 0": (array(np.zeros((3, 0, 5))), r"\(3, 0, 5\) is no raster"),
-    "array without bands": (array(np.zeros((0, 4, 5))), r"\(0, 4, 5\) is no raster"),
-    "array of 4 dimensions": (array(np.zeros((1, 2, 3, 4))), r"\(1, 2, 3, 4\) is no raster"),
-    "array of 1 dimension": (array(np.zeros(4)), r"\(4,\) is no raster"),
+    "array of size 0": (array(np.zeros((3, 0, 5))), r"\(3, 0, 5\) is not a raster"),
+    "array without bands": (array(np.zeros((0, 4, 5))), r"\(0, 4, 5\) is not a raster"),
+    "array of 4 dimensions": (array(np.zeros((1, 2, 3, 4))), r"\(1, 2, 3, 4\) is not a raster"),
+    "array of 1 dimension": (array(np.zeros(4)), r"\(4,\) is not a raster"),
     "array of truths": (array(picture() > 60), "bool"),
     "array of texts": (array(np.full((1, 4, 4), "water")), "<U5"),
     "array of objects": (array(np.full((1, 4, 4), None)), "object"),
@@ -327,7 +327,7 @@ RECIPES: dict[str, tuple[bytes | None, str]] = {
     "no json": (b"canny_low = 5", "not a recipe in JSON"),
     "list": (b"[1, 2]", "not a recipe in JSON"),
     "number": (b"5", "not a recipe in JSON"),
-    "recipe that is a list": (b'{"recipe": [1]}', "is no recipe"),
+    "recipe that is a list": (b'{"recipe": [1]}', "is not a recipe"),
     "utf-16": ('{"canny_low": 5}'.encode("utf-16"), "not a recipe in JSON"),
     "unknown name": (b'{"cany_low": 5}', "cany_low.* choose from"),
     "wrong type": (b'{"canny_low": "abc"}', "canny_low"),
@@ -554,5 +554,5 @@ def test_sources_of_one_name_are_refused(
     ]
     before = snapshot(tmp_path)
     error = command("mesh", "-o", f"{tmp_path}/meshes/", *sources).error()
-    assert re.search("called 'scene': .* mesh them into different folders", error)
+    assert re.search("the name 'scene', .* write them to different folders", error)
     assert snapshot(tmp_path) == before

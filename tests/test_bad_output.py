@@ -50,25 +50,25 @@ PLACES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "the source itself": (
         "scene.tif",
         ("-f", "GPKG", "--overwrite"),
-        "scene.tif is .*; choose another name",
+        "scene.tif is the input .*scene.tif; choose another name",
     ),
     "a link to the source": (
         "link.gpkg",
         ("-f", "GPKG", "--overwrite"),
-        "link.gpkg is .*; choose another name",
+        "link.gpkg is the input .*scene.tif; choose another name",
     ),
     "the mask itself": (
         "aoi.gpkg",
         ("--mask=aoi.gpkg", "--overwrite"),
-        "aoi.gpkg is .*; choose another name",
+        "aoi.gpkg is the input .*aoi.gpkg; choose another name",
     ),
     "the recipe itself": (
         "recipe.json",
         ("--recipe=recipe.json", "--overwrite"),
-        "recipe.json is .*; choose another name",
+        "recipe.json is the input .*recipe.json; choose another name",
     ),
     "folder that is a file, for several": ("scene.tif", ("other.tif",), "is a file; .* a folder"),
-    "folder in a file, for several": ("scene.tif/x", ("other.tif",), "cannot be made"),
+    "folder in a file, for several": ("scene.tif/x", ("other.tif",), "cannot be created"),
 }
 
 NAMES = (
@@ -264,10 +264,11 @@ def test_stopped_run_leaves_the_old_file_and_nothing_else(
     run = stop_when(message, number, scene, output)
     assert (run.code, [line for line in run.out.splitlines() if '"result"' in line]) == (code, [])
     assert "Traceback" not in run.err
-    assert run.err.strip() in ("", "Interrupted: no output was changed.")
+    assert run.err.strip() in ("", "Interrupted: the unfinished output was not written.")
     assert snapshot(tmp_path) == {"mesh.gpkg": OLD}
 
 
+@pytest.mark.slow
 def test_interrupt_at_any_moment_of_writing_comes_through(tmp_path: Path, scene: str) -> None:
     """Not as an error of the library in which it happened to arrive."""
     mesh, output = geomesh.mesh_raster(scene), tmp_path / "mesh.gpkg"

@@ -109,7 +109,7 @@ def test_warnings_name_their_raster(tmp_path: Path) -> None:
 
 
 def test_masks_and_bounds_reach_the_processes(chips: list[Path], tmp_path: Path) -> None:
-    area = shapely.box(*NORTH_UP * (4, 30), *NORTH_UP * (40, 4))
+    area = shapely.box(*NORTH_UP @ (4, 30), *NORTH_UP @ (40, 4))
     gpd.GeoDataFrame(geometry=[area], crs=UTM).to_file(tmp_path / "area.gpkg")
     options = ("--mask", tmp_path / "area.gpkg", "--workers", "2", "--json")
     results = outcomes(mesh(*chips[:2], "-o", tmp_path / "out", *options))
@@ -173,6 +173,7 @@ def not_ours(path: Path) -> None:
     path.write_bytes(OLD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "options", "why"),
     [
@@ -209,6 +210,7 @@ def test_what_would_not_be_the_same_is_refused_or_replaced(
     assert geomesh.read_mesh(output).certify().passed
 
 
+@pytest.mark.slow
 def test_an_output_that_another_process_is_writing_is_no_output_yet(
     chips: list[Path], made: Path
 ) -> None:
@@ -221,6 +223,7 @@ def test_an_output_that_another_process_is_writing_is_no_output_yet(
     assert unfinished.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extension", ["geojson", "fgb", "parquet", "nc"])
 def test_every_format_is_found_again(chips: list[Path], tmp_path: Path, extension: str) -> None:
     output = tmp_path / f"mesh.{extension}"
@@ -290,9 +293,7 @@ def test_a_batch_that_is_stopped_leaves_whole_meshes_only(
         process.send_signal(number)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == code
-    assert (
-        errors.strip().splitlines()[-1] == "Interrupted: what was being written was left as it was."
-    )
+    assert errors.strip().splitlines()[-1] == "Interrupted: the unfinished output was not written."
     assert hidden(tmp_path / "out") == []
     done = list((tmp_path / "out").glob("*.gpkg"))
     assert 0 < len(done) < len(many)

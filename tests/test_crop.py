@@ -393,12 +393,12 @@ def test_a_mask_between_pixel_centres_is_an_error() -> None:
 
 @pytest.mark.parametrize("shapes", [[], [shapely.Point(1, 2)], [None]])
 def test_a_mask_without_polygons_is_an_error(shapes: list) -> None:
-    with pytest.raises(SourceError, match="the mask holds no polygon"):
+    with pytest.raises(SourceError, match="the mask contains no polygon"):
         open_area(NORTH_UP, mask=frame_of(*shapes))
 
 
 def test_a_mask_of_an_empty_polygon_is_an_error() -> None:
-    with pytest.raises(SourceError, match="the mask holds no polygon"):
+    with pytest.raises(SourceError, match="the mask contains no polygon"):
         open_area(NORTH_UP, mask=frame_of(shapely.Polygon()))
 
 

@@ -179,7 +179,7 @@ def test_scheduler_that_does_not_answer_is_told_of(
         address = "tcp://{}:{}".format(*port.getsockname())
         error = refused(command, scene, tmp_path, address)
     assert error.startswith(f"the scheduler {address} does not answer (")
-    assert error.endswith("check the address, and that it runs")
+    assert error.endswith("check the address and that the scheduler is running")
 
 
 @pytest.mark.parametrize("address", ["localhost", "http://localhost:1", "tcp://localhost:x", ""])
@@ -218,7 +218,7 @@ def test_workers_that_cannot_run_geomesh_are_refused(
     monkeypatch.setattr("geomesh.parallel.dask._version", no_geomesh)
     error = refused(command, scene, tmp_path, client.scheduler.address)
     assert "cannot run geomesh (No module named 'geomesh')" in error
-    assert f"install geomesh {geomesh.__version__} where they run" in error
+    assert f"install geomesh {geomesh.__version__} on their machines" in error
 
 
 def no_geomesh() -> str:
@@ -239,5 +239,5 @@ def test_workers_and_scheduler_exclude_each_other(
     output = tmp_path / "mesh.gpkg"
     run = command("mesh", scene, "-o", output, "--workers=2", "--scheduler=tcp://127.0.0.1:1")
     assert run.code == 2
-    assert "--workers and --scheduler exclude each other" in run.err
+    assert "--workers and --scheduler cannot be used together" in run.err
     assert not output.exists()

@@ -58,6 +58,7 @@ def grid_array(values=None, x=None, y=None, crs="EPSG:31985", **coords):
     return array if crs is None else array.rio.write_crs(crs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunks", [None, {"x": 200, "y": 150}], ids=["of a file", "of Dask"])
 def test_a_lazy_dataarray_gives_the_mesh_of_its_file(sample, chunks):
     assert arrays_of(rioxarray.open_rasterio(sample, chunks=chunks)) == arrays_of_file(sample)
@@ -223,7 +224,7 @@ def test_without_a_crs_it_is_as_a_raster_without_one():
     placed = open_scene(grid_array(crs=None))
     assert placed.grid.crs is None
     assert placed.grid.transform == Affine(30, 0, 500_000, 0, -30, 9_000_015)
-    assert placed.notes == ("the DataArray has no CRS: the mesh has none either",)
+    assert placed.notes == ("the DataArray has no CRS, so the mesh has no CRS either",)
     bare = open_scene(xr.DataArray(np.eye(8), dims=("y", "x"), name="slope"))
     assert bare.grid.transform == Affine.identity()
     assert bare.notes == (
@@ -272,49 +273,51 @@ REFUSED = {
     "time": (
         lambda: grid_array().expand_dims(time=3),
         SourceError,
-        r"a dimension time of 3: choose one with \.isel\(time=0\), or \.rename\(time='band'\)",
+        r"another dimension, time, of size 3: choose one index with \.isel\(time=0\), "
+        r"or \.rename\(time='band'\)",
     ),
     "time and bands": (
         lambda: grid_array().expand_dims(band=[1]).expand_dims(time=3),
         SourceError,
-        r"a dimension time of 3: choose one with \.isel\(time=0\)$",
+        r"another dimension, time, of size 3: choose one index with \.isel\(time=0\)$",
     ),
     "two dimensions of bands": (
         lambda: grid_array().expand_dims(band=[1]).expand_dims(variable=["a", "b"]),
         SourceError,
-        "choose one with",
+        "choose one index with",
     ),
     "no x and y": (
         lambda: xr.DataArray(np.eye(8), dims=("lat", "lon")),
         SourceError,
-        r"no dimensions x and y but lat, lon: name them, as in \.rename",
+        r"no dimensions x and y \(its dimensions: lat, lon\); rename them, as in \.rename",
     ),
-    "a number": (lambda: xr.DataArray(5.0), SourceError, "but none: name them"),
+    "a number": (lambda: xr.DataArray(5.0), SourceError, r"\(its dimensions: none\); rename them"),
     "a dataset": (
         lambda: xr.Dataset({"red": grid_array()}),
         SourceError,
-        r"choose a variable, .* or stack those of one grid as bands with \.to_dataarray\(\)",
+        r"choose a variable, .* or stack the variables of one grid as bands with "
+        r"\.to_dataarray\(\)",
     ),
     "no pixels": (lambda: grid_array().isel(x=slice(0, 0)), SourceError, r"shape \(8, 0\)"),
     "uneven y": (
         lambda: grid_array(y=UNEVEN),
         GeoreferenceError,
-        "coordinates y that are not evenly spaced, by up to 0.033 pixels: bring it onto a regular",
+        "y coordinates that are not evenly spaced, by up to 0.033 pixels: resample it to a regular",
     ),
     "uneven x": (
         lambda: grid_array(x=np.geomspace(1, 2, 12)),
         GeoreferenceError,
-        "coordinates x that are not evenly spaced",
+        "x coordinates that are not evenly spaced",
     ),
     "a gap in x": (
         lambda: grid_array().isel(x=[0, 1, 2, 5, 6, 7]),
         GeoreferenceError,
-        "coordinates x that are not evenly spaced",
+        "x coordinates that are not evenly spaced",
     ),
     "nan in x": (
         lambda: grid_array(x=np.full(12, np.nan)),
         GeoreferenceError,
-        "coordinates x that are not evenly spaced",
+        "x coordinates that are not evenly spaced",
     ),
     "all of one x": (
         lambda: grid_array(x=np.full(12, 7.0)),
@@ -329,7 +332,7 @@ REFUSED = {
     "texts as coordinates": (
         lambda: grid_array(x=list("abcdefghijkl")),
         GeoreferenceError,
-        "coordinates x of type <U1: give numbers",
+        "x coordinates of type <U1: give numbers",
     ),
     "one pixel wide": (
         lambda: grid_array().isel(x=[3]),
@@ -340,12 +343,12 @@ REFUSED = {
     "an unknown crs": (
         lambda: grid_array(crs=None).assign_attrs(crs="EPSG:999999"),
         GeoreferenceError,
-        "its CRS is not understood .* give another, crs='EPSG:32722'",
+        "has an invalid CRS .* give another, crs='EPSG:32722'",
     ),
     "an odd nodata value": (
         lambda: grid_array().assign_attrs(_FillValue="none"),
         SourceError,
-        r"nodata value is not understood .* \.rio\.write_nodata\(\)",
+        r"has an invalid nodata value .* \.rio\.write_nodata\(\)",
     ),
     "truths": (lambda: grid_array() > 5, BandError, "of type bool: .* convert them first"),
     "texts": (lambda: grid_array().astype(str), BandError, "of type <U"),

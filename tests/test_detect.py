@@ -185,6 +185,7 @@ def median_gradient(gray):
     return np.median(magnitude[magnitude > 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1025, 1025), (2048, 2048), (4096, 4096), (6000, 1500)])
 def test_automatic_thresholds_of_a_large_image_are_about_those_of_all_its_pixels(shape):
     """Of one that repeats itself, too, as fields and mosaics do."""
@@ -307,6 +308,7 @@ def test_thresholds_are_found_where_data_are_sparse(large):
     assert found.high == pytest.approx(cropped.high, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [1.5, 20])
 def test_little_is_remembered_of_the_edges_around_keypoints(large, distance):
     """What other tiles have a say in, not the whole disc around every keypoint."""

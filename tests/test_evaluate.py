@@ -315,6 +315,7 @@ def test_a_plane_without_figures_is_left_out_of_table_and_figure():
     assert "Native resolution, as many nodes as `features` finds; 1 image" in stdout
 
 
+@pytest.mark.slow
 def test_the_command_prints_tables_and_writes_csv_and_figure(tmp_path, comparison):
     table, picture = tmp_path / "table1.csv", tmp_path / "table1.png"
     stdout, stderr = run(OLINDA, NOWHERE, "-o", table, "--figure", picture)
@@ -333,6 +334,7 @@ def test_the_command_prints_tables_and_writes_csv_and_figure(tmp_path, compariso
     assert imread(picture).std() > 0.05
 
 
+@pytest.mark.slow
 def test_programs_get_events_or_json(tmp_path):
     table = tmp_path / "t.csv"
     stdout, _ = run(OLINDA, "-o", table, "--progress", "jsonl")
@@ -372,6 +374,7 @@ def test_folders_and_patterns_stand_for_the_rasters_in_them(tmp_path):
     assert found(odd) == ["odd[1].tif"]
 
 
+@pytest.mark.slow
 def test_a_file_named_twice_counts_once_and_two_of_one_name_count_twice(tmp_path):
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
@@ -474,6 +477,7 @@ def test_images_without_crs_are_evaluated_as_any_other(tmp_path):
     assert [r.figures for r in one.records] == [r.figures for r in other.records]
 
 
+@pytest.mark.slow
 def test_what_lies_under_nodata_does_not_matter(tmp_path):
     with rasterio.open(SAMPLES / "parana_landsat8_rgb_uint16_nodata_edge.tif") as dataset:
         bands, valid, profile = dataset.read(), dataset.dataset_mask(), dataset.profile
@@ -503,7 +507,7 @@ def test_outputs_that_cannot_be_written_are_refused_before_the_work(
         (["-o", tmp_path / "none" / "t.csv"], "does not exist; create it first"),
         (["-o", tmp_path], "is a folder"),
         (["--figure", tmp_path / "t.bmp"], "t.bmp is not named as a picture; choose from .png"),
-        (["--figure", image, "--overwrite"], "which is read; choose another name"),
+        (["--figure", image, "--overwrite"], f"is the input {image}; choose another name"),
     ]
     for options, told in cases:
         _, stderr = run(image, *options, code=1)

@@ -95,6 +95,7 @@ def test_a_second_process_compiles_nothing(project: tuple[Path, Run]) -> None:
     assert run() == [[3.0, 4.0], 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "sums"),
     [
@@ -119,6 +120,7 @@ def test_an_edit_in_what_a_kernel_calls_or_uses_is_seen(
     assert run()[0] == sums
 
 
+@pytest.mark.slow
 def test_older_machine_code_of_a_kernel_is_removed(
     project: tuple[Path, Run], tmp_path: Path
 ) -> None:
@@ -132,6 +134,7 @@ def test_older_machine_code_of_a_kernel_is_removed(
     assert not before & after
 
 
+@pytest.mark.slow
 def test_damaged_machine_code_is_compiled_anew(project: tuple[Path, Run], tmp_path: Path) -> None:
     _, run = project
     run()
@@ -141,6 +144,7 @@ def test_damaged_machine_code_is_compiled_anew(project: tuple[Path, Run], tmp_pa
     assert run() == [[3.0, 4.0], 0]
 
 
+@pytest.mark.slow
 def test_lines_and_files_may_move(project: tuple[Path, Run]) -> None:
     folder, run = project
     run()
@@ -177,7 +181,7 @@ def test_the_digest_depends_on_the_signature() -> None:
 def test_without_a_folder_to_write_to_kernels_compile_and_that_is_said_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(kernel_cache, "_told", [])
+    monkeypatch.setattr(kernel_cache, "_warned", [])
 
     def no_folder(*_: object) -> None:
         raise RuntimeError("cannot cache function: no locator available")
@@ -238,5 +242,5 @@ def test_a_full_folder_is_said_once_and_the_mesh_is_made(tmp_path: Path) -> None
         told = events(mesh(full, tmp_path / "mesh.gpkg"))
     warned = [event["message"] for event in told if event["event"] == "log"]
     assert len(warned) == 1
-    assert "compiled code cannot be kept (" in str(warned[0])
+    assert "compiled code cannot be stored (" in str(warned[0])
     assert told[-1]["event"] == "result"

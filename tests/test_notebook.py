@@ -218,6 +218,7 @@ def test_a_map_has_every_triangle_where_it_is_in_its_colour(olinda):
     assert told == {"id", "area", "red_mean", "green_mean", "blue_mean"}
 
 
+@pytest.mark.slow
 def test_a_map_of_any_column_with_any_option_of_geopandas(olinda):
     mesh = geomesh.mesh_raster(olinda, nodes=300)
     first = mesh.explore("min_angle", tiles=None, cmap="magma", tooltip=["min_angle"])

@@ -85,6 +85,7 @@ def test_traced_outline_has_the_length_and_area_of_gdals_polygons(mask):
     assert outline.areas().sum() == pytest.approx(sum(polygon.area for polygon in polygons))
 
 
+@pytest.mark.slow
 @given(mask=masks | blobs, core=st.integers(1, 9))
 def test_the_outline_does_not_depend_on_the_tiles(mask, core):
     whole, _ = outline_of(mask)

@@ -21,7 +21,7 @@ from support.samples import OLINDA, ROOT
 BIN = "Scripts" if os.name == "nt" else "bin"
 
 # One worker builds for all of these tests.
-pytestmark = pytest.mark.xdist_group("packaging")
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("packaging")]
 
 
 def run(*command, cwd, code=0):
@@ -159,7 +159,6 @@ def bare(wheel, tmp_path):
     shutil.rmtree(place)  # more than a gigabyte, and pytest keeps the folders of three runs
 
 
-@pytest.mark.slow
 def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):
     python, command, rio = (bare / name for name in ("python", "geomesh", "rio"))
     folder = tmp_path / "work"

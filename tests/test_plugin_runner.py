@@ -282,6 +282,7 @@ def test_cancelling_a_real_mesh_leaves_nothing(tmp_path, listener):
     assert left(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_cancelling_while_writing_keeps_the_old_file(tmp_path, listener):
     # Of so many triangles that writing them takes longer than to stop.
     large = write_mirrored(tmp_path / "large.tif", LARGE.name, 1500, 1500)

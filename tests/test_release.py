@@ -106,4 +106,4 @@ def test_the_citation_is_that_of_this_version():
 
 
 def test_contributors_are_told_that_the_workflows_have_not_run():
-    assert "not yet been run" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert "have not run yet" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

@@ -171,6 +171,7 @@ def test_only_the_part_asked_for_is_fetched(folder: Path, served: Served, prefix
             assert not any(a <= end and start <= b for a, b in ranges), (col, row)
 
 
+@pytest.mark.slow
 def test_far_part_of_a_scene_is_seen_through_its_overviews(folder: Path, served: Served) -> None:
     """To look at all of it before the work begins takes a part of the bytes, less of more."""
     path = folder / "scene.tif"
@@ -225,6 +226,7 @@ def test_server_that_breaks_off_is_told_in_one_line(
     assert snapshot(tmp_path) == {"mesh.gpkg": OLD}
 
 
+@pytest.mark.slow
 def test_command_line_meshes_a_part_of_a_url(tmp_path: Path, folder: Path, served: Served) -> None:
     west, south, east, north = box(folder / "scene.tif", 3000, 3000, 3300, 3200)
     options = ["--bounds", *map(repr, (west, south, east, north))]

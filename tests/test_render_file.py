@@ -48,6 +48,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 # ---------------------------------------------------------------- what the file holds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["linear", "constant"])
 def test_each_sample_is_painted_on_its_pixels(tmp_path: Path, sample: Path, model: Any) -> None:
     mesh, path = mesh_of(sample), tmp_path / "painted.tif"

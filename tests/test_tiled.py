@@ -71,6 +71,7 @@ def test_equals_scipy_on_random_points(tile):
     assert as_sets(triangulated(points, tile=tile).triangles) == as_sets(Delaunay(points).simplices)
 
 
+@pytest.mark.slow
 def test_equals_the_global_triangulation_on_uniform_points():
     points = np.random.default_rng(1).uniform(0, 300, (20_000, 2))
     assert_same_by_tiles(points, tiles=(2, 30, 3000))
@@ -88,12 +89,14 @@ def test_equals_the_global_triangulation_on_cocircular_points(points):
     assert_same_by_tiles(points)
 
 
+@pytest.mark.slow
 def test_equals_the_global_triangulation_on_a_turned_lattice_far_from_the_origin():
     """Ties and near ties that only exact arithmetic tells apart."""
     points = lattice(40, 40) @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + 5e6
     assert_delaunay(points, assert_same_by_tiles(points).triangles)
 
 
+@pytest.mark.slow
 def test_equals_the_global_triangulation_around_large_empty_areas():
     far = [integers(5, 40, 900) + offset for offset in ((0, 0), (1e5, 3), (7, 4e6))]
     assert_same_by_tiles(np.concatenate(far))

@@ -136,6 +136,7 @@ def test_mesh_of_a_part_is_the_same_whoever_works(scene: Path, pool: ProcessPool
         assert one == two == apart
 
 
+@pytest.mark.slow
 def test_open_dataset_is_read_by_threads_and_stays_open(small: Path) -> None:
     expected = fingerprint(geomesh.mesh_raster(small, workers=1))
     with rasterio.open(small) as dataset:
@@ -195,6 +196,7 @@ def test_written_file_holds_the_same_whatever_the_workers(
     assert contents(tmp_path / "5.gpkg") == first
 
 
+@pytest.mark.slow
 def test_meshes_made_at_the_same_time_are_right(small: Path, olinda: Path) -> None:
     alone = [fingerprint(geomesh.mesh_raster(path)) for path in (small, olinda)]
     with ThreadPoolExecutor(4) as users:
@@ -336,6 +338,7 @@ def test_dataset_is_not_read_once_the_call_has_failed(
 # ------------------------------------------------------------------ what is shared
 
 
+@pytest.mark.slow
 def test_result_does_not_depend_on_opencv_threads_which_are_restored(small: Path) -> None:
     before = cv2.getNumThreads()
     try:
@@ -423,6 +426,7 @@ def test_worker_that_dies_is_told_of(small: Path) -> None:
     assert "\n" not in str(lost.value)
 
 
+@pytest.mark.slow
 def test_worker_that_is_killed_in_mid_run_is_told_of(small: Path) -> None:
     with processes() as executor:
 
@@ -452,6 +456,7 @@ def test_source_that_a_worker_cannot_read_is_named(small: Path, pool: ProcessPoo
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_relative_path_is_found_by_workers_in_another_folder(
     small: Path, pool: ProcessPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -480,7 +485,7 @@ def test_truncated_raster_names_the_window(
 @pytest.mark.parametrize(
     ("shape", "told"),
     [
-        ((3, 1200, 1000), "it had 1300 x 1200 pixels and has 1000 x 1200"),
+        ((3, 1200, 1000), "it had 1300 x 1200 pixels and now has 1000 x 1200"),
         ((1, 1200, 1300), "changed while it was read .*band"),
     ],
     ids=["other size", "fewer bands"],
@@ -504,6 +509,7 @@ def test_raster_that_is_replaced_by_another_is_noticed(
 # ---------------------------------------------------------------------------- batches
 
 
+@pytest.mark.slow
 def test_one_crew_works_on_all_sources(
     tmp_path: Path, small: Path, olinda: Path, command: Geomesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:

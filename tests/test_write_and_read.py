@@ -516,6 +516,7 @@ def test_progress_runs_from_0_to_1(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert len(told) > 10
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
 def test_killed_run_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "mesh.gpkg"
@@ -540,6 +541,7 @@ write_mesh(mesh, sys.argv[2], overwrite=True, progress=stop)
     assert len(read_layer(path)) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs resource limits")
 def test_limit_on_file_size_is_told_in_one_line(tmp_path: Path) -> None:
     pickled = tmp_path / "mesh.pickle"

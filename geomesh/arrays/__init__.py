@@ -1,1 +1,1 @@
-"""Arrays: compiled kernels, read-only columns, and the types that every package uses."""
+"""Arrays: compiled kernels, read-only columns, and the array types that all packages use."""

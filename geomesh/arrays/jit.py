@@ -1,9 +1,9 @@
-"""The one way in which geomesh compiles: typed, cached, without the interpreter's lock.
+"""Compile kernels with numba: one signature each, cached on disk, without the interpreter lock.
 
 A kernel is a small loop over arrays. It has one signature, which says which arrays it reads
-and which it writes, so it is compiled once, whatever it is called with. Sorting, searching
-and making arrays are numpy's work, outside: inside a kernel each of these would be compiled
-as well, which takes longer than the kernel itself.
+and which it writes. So it is compiled only once. Sorting, searching and allocation are done
+by numpy, outside of kernels. Inside a kernel numba would compile them too, which takes longer
+than to compile the kernel itself.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 boolean, uint8, uint32 = types.boolean, types.uint8, types.uint32
 int32, int64, float64, void = types.int32, types.int64, types.float64, types.void
 
-# Division follows IEEE 754 (numpy's way), so that no test for zero slows a loop.
+# Division follows IEEE 754, as in numpy. A test for zero would slow down the loops.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
 _lock = threading.RLock()
@@ -44,7 +44,7 @@ def writes(dtype: Any, dimensions: int) -> types.Array:
 
 
 class Kernel:
-    """A compiled function with one signature; it is loaded or compiled when first called.
+    """A compiled function with one signature. The first call loads or compiles it.
 
     Parameters
     ----------
@@ -57,56 +57,56 @@ class Kernel:
         self.__name__ = function.__name__
         self._signature = signature
         self._dispatcher: Any = numba.njit(**_OPTIONS)(function)
-        # numba has no other way to a cache of one's own.
+        # numba has no public way to set a cache.
         self._dispatcher._cache = self._cache = open_cache(function, signature)  # noqa: SLF001
         self._is_ready = False
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the compiled code; TypeError if the arguments do not fit the signature."""
+        """Run the compiled code. Raise TypeError if the arguments do not fit the signature."""
         if not self._is_ready:
             self.prepare(lambda: None)
         return self._dispatcher(*arguments)
 
     def prepare(self, begin: Callable[[], None]) -> None:
-        """Load the machine code, or compile it; in that case call `begin` before."""
+        """Load the machine code, or call `begin` and compile it."""
         with _lock:
             if not self._is_ready:
                 self._cache.before_compiling = begin
                 self._dispatcher.compile(self._signature)
-                self._dispatcher.disable_compile()  # for any other signature
+                self._dispatcher.disable_compile()  # for other signatures
                 self._is_ready = True
 
 
 def kernel(signature: Any) -> Callable[[Function], Function]:
-    """Return a decorator that makes a `Kernel` of a function.
+    """Return a decorator that turns a function into a `Kernel`.
 
     Parameters
     ----------
     signature : numba signature
-        Such as ``int64(reads(float64, 2), writes(int32, 1))``.
+        For example ``int64(reads(float64, 2), writes(int32, 1))``.
     """
 
     def decorate(function: Function) -> Function:
-        made = Kernel(function, signature)
-        _kernels.append(made)
-        return made  # type: ignore[return-value]
+        compiled = Kernel(function, signature)
+        _kernels.append(compiled)
+        return compiled  # type: ignore[return-value]
 
     return decorate
 
 
 def inner(function: Function) -> Function:
-    """Compile a function that only kernels call: as a part of each of them."""
+    """Compile a function that only kernels call. It becomes part of each of them."""
     compiled: Function = numba.njit(**_OPTIONS)(function)
     return compiled
 
 
 def prepare_kernels(begin: Callable[[], None]) -> None:
-    """Make all kernels ready that were imported so far, so that no later step has to wait.
+    """Load or compile all kernels imported so far, so that later steps need not wait.
 
     Parameters
     ----------
     begin : callable
-        Called once, before the first that has to be compiled.
+        Called once, before the first kernel that must be compiled.
     """
     compiling: list[bool] = []
 
@@ -120,5 +120,5 @@ def prepare_kernels(begin: Callable[[], None]) -> None:
 
 
 def contiguous(array: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """Return an array as kernels take it; the array itself, if it is so already."""
+    """Return a contiguous array of `dtype` for a kernel. Copy it only if necessary."""
     return np.ascontiguousarray(array, dtype=dtype)

@@ -1,9 +1,9 @@
-"""Machine code of kernels on disk: found again as long as nothing that it was made of changed.
+"""Cache the machine code of kernels on disk, until their source code changes.
 
-numba's own cache goes by the time of a kernel's file: it misses a change in a kernel or a
-constant of another file. Here the name of a file holds a digest of the byte code of the
-kernel and of all kernels that it calls, and of the constants that these use, so other code
-has another file: a stale one cannot be loaded, whoever else writes at the same time.
+numba's own cache compares the time of the kernel's file only. It misses a change of a kernel
+or a constant in another file. Here the file name contains a digest of the byte code of the
+kernel, of all kernels that it calls, and of their constants. So changed code has another file
+name, and outdated code is never loaded, even if several processes write at the same time.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
+from numba import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 
 from geomesh.errors import GeomeshWarning, one_line
@@ -24,11 +25,11 @@ from geomesh.errors import GeomeshWarning, one_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-_told: list[str] = []
+_warned: list[str] = []
 
 
 def open_cache(function: Callable[..., Any], signature: Any) -> KernelCache | NoCache:
-    """Return the cache of a kernel; one that keeps nothing if no folder can be written to."""
+    """Return the cache of a kernel, or a `NoCache` if no folder is writable."""
     try:
         return KernelCache(function, signature)
     except (RuntimeError, OSError) as error:
@@ -36,12 +37,12 @@ def open_cache(function: Callable[..., Any], signature: Any) -> KernelCache | No
 
 
 class NoCache(NullCache):
-    """The cache of a kernel that cannot be kept.
+    """A cache that stores nothing.
 
     Parameters
     ----------
     reason : str
-        Why not.
+        Why the code cannot be stored.
     """
 
     def __init__(self, reason: str) -> None:
@@ -49,7 +50,7 @@ class NoCache(NullCache):
         self.before_compiling: Callable[[], None] = lambda: None
 
     def load_overload(self, sig: Any, target_context: Any) -> None:  # noqa: ARG002
-        """Find nothing."""
+        """Return None: the kernel must be compiled. Warn once."""
         _warn_once(self._reason)
         self.before_compiling()
 
@@ -66,27 +67,27 @@ class KernelCache(FunctionCache):
     def __init__(self, function: Callable[..., Any], signature: Any) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
         self._signature = signature
-        # Other Pythons have other byte code, and files of their own.
+        # Other versions of Python have different byte code, so they have their own files.
         tag = sys.implementation.cache_tag
         self._stem = f"{function.__module__}.{function.__name__}-{tag}"
         self._is_open = False
         self.before_compiling: Callable[[], None] = lambda: None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the machine code, or None if it has to be compiled."""
+        """Return the machine code, or None if the kernel must be compiled."""
         self._open()
         try:
-            found = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except Exception:  # a file that another program damaged
-            found = None
+            code = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # the file is damaged
+            code = None
             with suppress(OSError):
                 self.flush()  # type: ignore[no-untyped-call]
-        if found is None:
+        if code is None:
             self.before_compiling()
-        return found
+        return code
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the machine code, and remove that of older code of the kernel."""
+        """Store the machine code, and remove the files of older versions of the kernel."""
         try:
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
         except OSError as error:
@@ -99,7 +100,7 @@ class KernelCache(FunctionCache):
                     path.unlink()
 
     def _open(self) -> None:
-        # Not when the kernel is made: those that it calls may stand below it in its module.
+        # Not in __init__: kernels that this one calls may be defined later in its module.
         if not self._is_open:
             digest = digest_of(self._py_func, self._signature)
             self._base = f"{self._stem}-{digest}"
@@ -110,13 +111,14 @@ class KernelCache(FunctionCache):
 
 
 def digest_of(function: Callable[..., Any], signature: Any) -> str:
-    """Return a digest of all that the machine code of a kernel is made of."""
-    parts = [str(signature), *_parts(function, set())]
+    """Return a digest of everything that the machine code of a kernel depends on."""
+    checked = getattr(config, "BOUNDSCHECK", None)  # NUMBA_BOUNDSCHECK changes the machine code
+    parts = [str(signature), f"bounds checked: {checked}", *_parts(function, set())]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 
 def _parts(function: Callable[..., Any], seen: set[CodeType]) -> Iterator[str]:
-    """Yield the byte code of a function, its constants, and those of all that it names."""
+    """Yield the byte code and constants of a function and of everything that it uses."""
     code = function.__code__
     if code in seen:
         return
@@ -147,13 +149,16 @@ def _code(code: CodeType) -> Iterator[str]:
 
 
 def _warn_once(reason: str) -> None:
-    if not _told:
-        _told.append(reason)
+    if not _warned:
+        _warned.append(reason)
         folder = os.environ.get("NUMBA_CACHE_DIR")
-        way = f"NUMBA_CACHE_DIR is {folder}" if folder else "set NUMBA_CACHE_DIR to one that can"
+        hint = (
+            f"make NUMBA_CACHE_DIR ({folder}) writable, or set it to another folder"
+            if folder
+            else "set NUMBA_CACHE_DIR to a writable folder"
+        )
         warnings.warn(
-            f"compiled code cannot be kept ({reason}), so every run compiles it again: no folder "
-            f"for it can be written to; {way}",
+            f"compiled code cannot be stored ({reason}), so every run compiles it again; {hint}",
             GeomeshWarning,
             stacklevel=2,
         )

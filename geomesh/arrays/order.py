@@ -1,4 +1,4 @@
-"""Sorting by small whole numbers, which counting does faster than comparing."""
+"""Counting sort: for small whole numbers it is faster than a sort by comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def stable_order(keys: NDArray[np.integer], count: int) -> Ids:
-    """Return the order, int32 (n,), that sorts keys; equal ones stay in their order.
+    """Return the order, int32 (n,), that sorts the keys. Equal keys keep their order.
 
     Parameters
     ----------

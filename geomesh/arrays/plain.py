@@ -1,4 +1,4 @@
-"""Plain values, as JSON has them."""
+"""Conversion of values to the types of JSON."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 
 def plain_json(value: Any) -> Any:
-    """Return a value as JSON can hold it.
+    """Return a value converted to the types of JSON.
 
-    Mappings become dicts with text as keys, sequences lists, numpy's numbers Python's; a
-    number that is not finite becomes None, for JSON has no NaN and no infinity.
+    Mappings become dicts with text keys, sequences become lists, and numbers of numpy become
+    numbers of Python. NaN and infinity become None, because JSON does not have them.
     """
     if isinstance(value, Mapping):
         return {str(key): plain_json(item) for key, item in value.items()}

@@ -1,4 +1,4 @@
-"""Read-only columns without an object per row: whole, as a Table, and by blocks."""
+"""Read-only columns of a table, and blocks of rows."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _BLOCK = 8192
 
 
 def read_only(array: ArrayLike, dtype: Any = None) -> NDArray[Any]:
-    """Return `array` as a contiguous ndarray that refuses writes.
+    """Return `array` as a contiguous, read-only ndarray.
 
-    An array that is read-only already is returned as it is; any other is
-    copied, so the caller's own array stays writable and independent.
+    An array that is already read-only is returned without a copy. Any other array is
+    copied, so the caller can still change it.
     """
     source = np.asarray(array, dtype=dtype)
     base = source.base
@@ -28,7 +28,7 @@ def read_only(array: ArrayLike, dtype: Any = None) -> NDArray[Any]:
 
 
 def blocks(rows: int) -> Iterator[slice]:
-    """Cut rows into blocks of which temporary arrays are small and stay in the cache."""
+    """Return slices of at most 8192 rows: temporary arrays of that size stay in the cache."""
     return (slice(start, start + _BLOCK) for start in range(0, rows, _BLOCK))
 
 
@@ -39,9 +39,9 @@ class Table(Mapping[str, NDArray[Any]]):
     Parameters
     ----------
     columns : mapping of str to array_like, each of shape (n,)
-        Copied unless read-only already.
+        Copied, unless already read-only.
     length : int, optional
-        Number of rows; needed only where there is no column to tell it.
+        Number of rows. Needed only for a table without columns.
 
     Raises
     ------
@@ -63,10 +63,10 @@ class Table(Mapping[str, NDArray[Any]]):
         object.__setattr__(self, "length", max(length, 0))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Copies and pickles are built anew, so that their arrays are read-only too.
+        # Copies and pickles call the constructor, so that their arrays are read-only too.
         return Table, (dict(self.columns), self.length)
 
-    # Tables are compared by identity: equal arrays would make no single truth value.
+    # Compare tables by identity: a comparison of arrays gives an array, not True or False.
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
@@ -80,11 +80,11 @@ class Table(Mapping[str, NDArray[Any]]):
         return len(self.columns)
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Table:
-        """Return a table with `columns` added, or replaced where the name exists."""
+        """Return a table with `columns` added. A column of the same name is replaced."""
         added = {name: np.asarray(values) for name, values in columns.items()}
         return Table({**self.columns, **added}, self.length)
 
     def take(self, rows: NDArray[np.intp] | slice) -> Table:
-        """Return the table of the given rows, in that order."""
+        """Return a table of the given rows, in that order."""
         taken = {name: values[rows] for name, values in self.columns.items()}
         return Table(taken, len(np.arange(self.length)[rows]))

@@ -1,4 +1,4 @@
-"""The arrays that every package speaks of, by name."""
+"""Names for the array types that all packages use."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 Points = NDArray[np.float64]
 # Node ids (T, 3).
 Triangles = NDArray[np.int32]
-# Any other numbers, counts, and ids of nodes or triangles.
+# Other numbers, counts, and ids of nodes or triangles.
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 Ids = NDArray[np.int32]
-# An image (H, W) of 256 gray levels, and which of its pixels are chosen.
+# An image (H, W) of 256 gray levels, and a mask: True for chosen pixels or items.
 Gray = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -1,6 +1,6 @@
-"""The command line: parse, call one library function, print.
+"""The command line. Each command parses its options, calls the library and prints the result.
 
-Nothing heavy is imported before a command runs, so that `--help` answers at once.
+Slow libraries are imported only when a command runs, so that `--help` is fast.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.render import render
+from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
 from geomesh.cli.versions import print_versions
 from geomesh.parallel.memory import keep_freed_memory
@@ -28,9 +29,11 @@ _TERMINATED = 143
 
 
 def main() -> NoReturn:
-    """Run the command line and exit: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
-    # Being terminated must clean up as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    """Run the command line and exit: 0 success, 1 failure, 2 wrong usage, 130 interrupted."""
+    # SIGTERM must clean up too, like Ctrl-C.
+    on_signal(signal.SIGTERM, lambda: sys.exit(_TERMINATED))
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, as by nohup
+        on_signal(signal.SIGINT, _interrupt)
     keep_freed_memory()
     try:
         cli(standalone_mode=False)
@@ -48,8 +51,12 @@ def main() -> NoReturn:
     sys.exit(0)
 
 
+def _interrupt() -> NoReturn:
+    raise KeyboardInterrupt
+
+
 def _leave(code: int) -> NoReturn:
-    """Exit at once: all is cleaned up, and a thread may be in a library for seconds more."""
+    """Exit at once, after the cleanup: threads may still run in a library for seconds."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
@@ -83,7 +90,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh convert mesh.gpkg -o web.geojson
     """
     if isinstance(ctx.obj, dict) and "env" in ctx.obj:
-        ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: GDAL as rio's options want it
+        ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: use the GDAL settings of rio's options
     ctx.obj = debug
 
 

@@ -1,13 +1,14 @@
-"""What a command tells while it works: to people on standard error, or to programs as JSON lines.
+"""The messages of a command: text on standard error for people, or JSON lines for programs.
 
-The JSON lines protocol, on standard output, one object a line with `event`:
+The JSON lines go to standard output. Each line is one object. Its `event` is one of these:
 
-- ``start``: ``protocol`` (this version), ``pid`` of the process, ``command``, ``source``,
-  ``unfinished`` (how the names of folders begin in which this process writes outputs: whoever
-  kills it can remove them from the folders of the outputs)
+- ``start``: ``protocol`` (version of the protocol), ``pid`` of the process, ``command``,
+  ``source``, ``unfinished`` (the first part of the names of the temporary folders in which this
+  process writes outputs. A program that kills the process can remove these folders. They are
+  in the folders of the outputs.)
 - ``progress``: ``fraction`` (0..1), ``message``
 - ``log``: ``level`` ("warning"), ``message``
-- ``error``: ``code`` (of `geomesh.errors`, or "interrupted"), ``message``
+- ``error``: ``code`` (from `geomesh.errors`, or "interrupted"), ``message``
 - ``result``: ``outputs`` (paths), ``figures`` (numbers)
 """
 
@@ -28,36 +29,36 @@ from geomesh.errors import GeomeshError, GeomeshWarning
 
 PROTOCOL = 1
 
-# How the library's messages name a parameter, and perhaps a value for it.
+# A parameter in a message of the library, with or without a value.
 _PARAMETER = re.compile(r"`(?P<name>[a-z_]+)(?:=(?P<value>[^`]*))?`")
 
 Report = Callable[[float, str], None]
 
 
 class Console(Protocol):
-    """How a command reports."""
+    """The output of a command."""
 
     def start(self, command: str, source: str) -> None:
-        """Work on a source begins."""
+        """Report that the work on a source begins."""
 
     def progress(self) -> AbstractContextManager[Report]:
-        """Return the callable that long work reports to."""
+        """Return a context that yields the progress callback."""
 
     def warn(self, message: str) -> None:
-        """Say something that the user should know."""
+        """Report a warning."""
 
     def error(self, code: str, message: str) -> None:
-        """Say in one line what went wrong."""
+        """Report an error of one line."""
 
     def interrupted(self) -> None:
-        """Say that the work was stopped."""
+        """Report that the work was interrupted."""
 
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:
-        """Say what was made: paths and numbers, or the line of text that tells them."""
+        """Report the result: paths and numbers for programs, or `text` for people."""
 
 
 class People:
-    """Messages and a progress bar on standard error; what was made on standard output."""
+    """Text for people: messages and progress on standard error, results on standard output."""
 
     def __init__(self, *, bar: bool, quiet: bool = False) -> None:
         self._bar = bar
@@ -65,11 +66,11 @@ class People:
         self._is_interrupted = False
 
     def start(self, command: str, source: str) -> None:
-        """Say nothing: the bar and the result do."""
+        """Print nothing: the progress bar and the result are enough."""
 
     @contextmanager
     def progress(self) -> Iterator[Report]:
-        """Show a bar, if asked for."""
+        """Show a progress bar, if it is enabled."""
         if self._bar:
             from geomesh.parallel.progress import bar
 
@@ -87,38 +88,38 @@ class People:
         click.echo(f"Error: {message}", err=True)
 
     def interrupted(self) -> None:
-        """Say it once, on a line of its own, below a bar."""
+        """Print it once, on its own line below the progress bar."""
         if self._is_interrupted:
             return
         self._is_interrupted = True
-        click.echo("Interrupted: what was being written was left as it was.", err=True)
+        click.echo("Interrupted: the unfinished output was not written.", err=True)
 
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
-        """Print the text, unless a JSON document follows."""
+        """Print the text. If `quiet`, print nothing, because a JSON document follows."""
         if not self._quiet:
             click.echo(text)
 
 
 class JsonLines:
-    """One JSON object a line on standard output."""
+    """JSON lines for programs: one object per line on standard output."""
 
     def __init__(self) -> None:
         self._is_interrupted = False
 
-    def _tell(self, event: str, **values: Any) -> None:
+    def _print(self, event: str, **values: Any) -> None:
         click.echo(json.dumps({"event": event, **values}, ensure_ascii=True))
 
     def start(self, command: str, source: str) -> None:
-        """Tell the protocol's version too, which process this is, and where it writes."""
+        """Print `start`, with the process id and the names of temporary folders."""
         from geomesh.io.atomic import leftovers_prefix
 
         pid = os.getpid()
         process = {"pid": pid, "unfinished": leftovers_prefix(pid)}
-        self._tell("start", protocol=PROTOCOL, **process, command=command, source=source)
+        self._print("start", protocol=PROTOCOL, **process, command=command, source=source)
 
     @contextmanager
     def progress(self) -> Iterator[Report]:
-        """Tell whole percents, each once."""
+        """Print `progress` when the whole percentage has changed."""
         last = -1
 
         def report(fraction: float, message: str) -> None:
@@ -126,32 +127,32 @@ class JsonLines:
             percent = int(fraction * 100)
             if percent != last:
                 last = percent
-                self._tell("progress", fraction=percent / 100, message=message)
+                self._print("progress", fraction=percent / 100, message=message)
 
         yield report
 
     def warn(self, message: str) -> None:
-        """Tell a warning."""
-        self._tell("log", level="warning", message=message)
+        """Print a warning as `log`."""
+        self._print("log", level="warning", message=message)
 
     def error(self, code: str, message: str) -> None:
-        """Tell an error."""
-        self._tell("error", code=code, message=message)
+        """Print an `error`."""
+        self._print("error", code=code, message=message)
 
     def interrupted(self) -> None:
-        """Tell it once, as an error."""
+        """Print it once, as an `error`."""
         if self._is_interrupted:
             return
         self._is_interrupted = True
-        self.error("interrupted", "what was being written was left as it was")
+        self.error("interrupted", "interrupted: the unfinished output was not written")
 
     def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
-        """Tell what was made."""
-        self._tell("result", outputs=list(outputs), figures=dict(figures))
+        """Print the `result`."""
+        self._print("result", outputs=list(outputs), figures=dict(figures))
 
 
 def open_console(style: str | None, *, quiet: bool = False) -> Console:
-    """Return the console for a `--progress` style; `quiet` leaves out the text of results."""
+    """Return the console for a `--progress` style. If `quiet`, it prints no results as text."""
     if style == "jsonl" and quiet:
         raise click.UsageError("--progress jsonl and --json both write to stdout: choose one")
     if style is None:
@@ -160,10 +161,10 @@ def open_console(style: str | None, *, quiet: bool = False) -> Console:
 
 
 def spell(message: str) -> str:
-    """Return a message of the library with options of the command in place of parameters.
+    """Return a message of the library with its parameters replaced by options of the command.
 
-    The library writes `` `bounds` `` or `` `overwrite=True` ``; people who use the command know
-    these as --bounds and --overwrite, and parameters of the recipe as --set.
+    The library writes `` `bounds` `` or `` `overwrite=True` ``. In the command these are
+    --bounds and --overwrite. Parameters of the recipe become --set.
     """
     context = click.get_current_context(silent=True)
     options = {
@@ -178,7 +179,7 @@ def spell(message: str) -> str:
             known = max(options[name].opts, key=len)
             return known if value is None or options[name].is_flag else f"{known} {value}"
         if "settings" in options and value is not None:
-            # As JSON has it.
+            # Write the value as JSON.
             plain = {"None": "null", "True": "true", "False": "false"}.get(value, value)
             return f"--set {name}={plain}"
         return match[0]
@@ -188,20 +189,31 @@ def spell(message: str) -> str:
 
 @contextmanager
 def interruptible(console: Console) -> Iterator[None]:
-    """Say that the work was stopped, if it is."""
+    """Report if the block is interrupted."""
     try:
         yield
     except (KeyboardInterrupt, SystemExit):
-        with suppress(OSError):  # whoever listened may have gone
+        with suppress(OSError):  # the reader of the output may have exited
             console.interrupted()
         raise
 
 
 @contextmanager
 def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str]]:
-    """Turn errors into one line (kept in the list that is yielded) and warnings into messages.
+    """Report errors and warnings in the block as messages of one line.
 
-    `about` is put before warnings, to tell which of several rasters they are about.
+    Parameters
+    ----------
+    console : Console
+    debug : bool
+        Raise errors again, and report the warnings of other libraries too.
+    about : str
+        Prefix of warnings, such as the name of the raster.
+
+    Yields
+    ------
+    list of str
+        Empty. An error adds its message.
     """
     failures: list[str] = []
 

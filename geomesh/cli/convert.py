@@ -30,7 +30,7 @@ def convert(
     progress: str | None,
     as_json: bool,
 ) -> None:
-    """Write MESH (.gpkg) in another format, checked again.
+    """Write MESH (.gpkg) in another format. The mesh is checked again.
 
     \b
     Examples:

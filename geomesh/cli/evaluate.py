@@ -20,26 +20,27 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("sources", metavar="SRC...", nargs=-1, required=True)
-@click.option("-o", "--output", metavar="CSV", help="Write every figure as CSV.")
-@click.option("--figure", metavar="FIG", help="Draw the distributions: .png, .pdf or .svg.")
+@click.option("-o", "--output", metavar="CSV", help="Write all results to a CSV file.")
+@click.option("--figure", metavar="FIG", help="Draw the distributions (.png, .pdf or .svg).")
 @click.option(
     "-b",
     "--bidx",
     callback=numbers,
     metavar="N,N,...",
-    help="Bands to use, from 1. Default: all but alpha.",
+    help="Bands to use; the first is 1. Default: all except alpha.",
 )
 @click.option(
     "--nodata",
     type=float,
     metavar="VALUE",
-    help="Nodata value, in place of the files' own (nan is a value too).",
+    help="Nodata value, used instead of the files' own. It may be nan.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Images to work on at a time. Default: one a core. The figures are the same for any N.",
+    help="Number of images to process at the same time. Default: one per core. The results are "
+    "the same for any N.",
 )
 @output_options
 @click.pass_obj
@@ -56,15 +57,16 @@ def evaluate(
     progress: str | None,
     as_json: bool,
 ) -> None:
-    """Print the paper's Table 1 for images, and what else there is to say of their meshes.
+    """Print the paper's Table 1 for images, and other measures of their meshes.
 
-    SRC is a file, a folder (for the rasters in it) or a quoted pattern. Every image is looked
-    at twice: at 256 x 256 pixels, where the presets `paper` and `features` and six baselines
-    get as many nodes as `paper` finds; and as it is (of more than 2048 pixels a side, the
-    middle), where `features` and the baselines get as many as `features` finds.
+    SRC is a file, a folder (all rasters in it) or a quoted pattern. Every image is evaluated
+    twice. First at 256 x 256 pixels: the presets `paper` and `features` and six baselines get
+    as many nodes as `paper` finds. Then at its own resolution (only the middle, if a side is
+    longer than 2048 pixels): `features` and the baselines get as many nodes as `features`
+    finds.
 
-    An image that fails is told of and left out; the exit code is then 1, though the tables
-    are those of the others. If all fail, nothing is written.
+    If an image fails, its error is printed, and the tables contain the other images. The exit
+    code is then 1. If all images fail, nothing is written.
 
     \b
     Examples:
@@ -90,7 +92,10 @@ def evaluate(
         for failure in comparison.failures:
             console.error(failure.code, failure.error)
         if not comparison.records:
-            raise EmptyError(f"none of {len(images)} images could be evaluated; nothing is written")
+            raise EmptyError(
+                f"none of {len(images)} images could be evaluated, so nothing is written; see the "
+                "errors above"
+            )
         if output is not None:
             comparison.to_csv(output, overwrite=overwrite)
         if figure is not None:
@@ -110,13 +115,13 @@ def evaluate(
 
 
 def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> None:
-    """Refuse outputs that could not be written, before the work is done."""
+    """Raise an error before the work begins if an output cannot be written."""
     from geomesh.io.atomic import check_place
 
     if output is not None:
         check_place(Path(output), overwrite=overwrite)
     if figure is not None:
-        import geomesh.evaluate.figure  # noqa: F401  (says so if matplotlib is not there)
+        import geomesh.evaluate.figure  # noqa: F401  (raises an error if matplotlib is missing)
         from geomesh.io.picture import check_picture
 
         check_picture(figure, overwrite=overwrite)

@@ -1,4 +1,4 @@
-"""How a comparison of methods is printed: image by image, then all methods over all images."""
+"""Print a comparison of methods: a table of the images, then tables of the methods."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from rich.text import Text
 if TYPE_CHECKING:
     from geomesh.evaluate.comparison import Comparison, Figures
 
-# Heading: figure (of the median of the images, where it begins so), and how it is written.
+# For each heading: the name of the figure, and its format. "median NAME" is the median over the
+# images.
 Columns = Mapping[str, tuple[str, str]]
 
 _SIDES: Columns = {
@@ -57,19 +58,19 @@ _PLANES = {
     "native": "Native resolution, as many nodes as `features` finds",
 }
 _LEGEND = (
-    "Of the methods: means of the images' figures; the median beside is that of the images. "
-    "Lengths: pixels of the plane; AB is a triangle's shortest side, BC its longest. Ki of sides: "
-    "the formula applied to the mean sides, as in the paper's Table 1. Ki: mean over triangles, "
-    "with this labelling, which gives the greatest value; Ki mean: of the three labellings; Ki "
-    "min: AB the longest side. A: area of the plane, N: nodes. Angle: the smallest of each "
-    "triangle, in degrees: mean, median, 5th percentile, share under 10. PSNR: of the gray image, "
-    "over the valid pixels covered; sampled: with values of the image; fitted: by least squares; "
-    "whole image: linear, fitted, over all valid pixels, the corners of the image added to the "
-    "nodes."
+    "Tables of methods: mean over the images; median: over the images. Lengths are in pixels of "
+    "the plane; AB is the shortest side of a triangle, BC the longest. Ki of sides: the formula "
+    "applied to the mean sides, as in the paper's Table 1. Ki: mean over triangles, with this "
+    "labelling of the sides, which gives the largest value. Ki mean: mean of the three labellings. "
+    "Ki min: AB is the longest side. A: area of the plane. N: number of nodes. Angle: smallest "
+    "angle of each triangle, in degrees: mean, median, 5th percentile, and share under 10. PSNR: "
+    "of the gray image, over the valid pixels that the mesh covers. Sampled: values taken from the "
+    "image. Fitted: values from least squares. Whole image: linear, fitted, over all valid pixels, "
+    "with the corners of the image added to the nodes."
 )
 _NONE = "–"
 _NAMES = 14
-_WIDTH = 120  # where there is no terminal
+_WIDTH = 120  # if the output is not a terminal
 
 
 def print_comparison(comparison: Comparison) -> None:
@@ -83,7 +84,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def tables(comparison: Comparison) -> Iterator[Text | Table]:
-    """Yield titles and tables: the `paper` preset image by image, then three for each plane."""
+    """Yield titles and tables: one of the images with `paper`, then three for each plane."""
     records = comparison.of("256x256", "paper")
     if records:
         yield _title("The `paper` preset, image by image; lengths in pixels of 256 x 256")
@@ -119,15 +120,15 @@ def _table(columns: Columns) -> Table:
 
 def _cells(figures: Figures, columns: Columns, median: Figures | None = None) -> list[str]:
     cells = []
-    for name, how in columns.values():
+    for name, pattern in columns.values():
         source = median if name.startswith("median ") else figures
         value = getattr(source, name.removeprefix("median "))
-        cells.append(_NONE if math.isnan(value) else format(value, how))
+        cells.append(_NONE if math.isnan(value) else format(value, pattern))
     return cells
 
 
 def _short_names(paths: Sequence[str]) -> list[str]:
-    """Return paths without the folders that all have in common: still different ones."""
+    """Return paths without their common parent folders, so that they are still different."""
     parts = [path.split("/") for path in paths]
     folders = min((len(part) for part in parts), default=1) - 1
     shared = 0

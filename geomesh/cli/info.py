@@ -1,4 +1,4 @@
-"""`geomesh info`: what a mesh file holds, or what a raster has to offer."""
+"""`geomesh info`: describe a mesh file or a raster."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from geomesh.cli.console import guarded, open_console
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.pass_obj
 def info(debug: bool, /, path: str, as_json: bool) -> None:
-    """Print what a mesh file holds, or what a raster has to offer.
+    """Describe a mesh file or a raster.
 
     \b
     Examples:
@@ -34,14 +34,14 @@ def info(debug: bool, /, path: str, as_json: bool) -> None:
 
 
 def _has_layers(path: str) -> bool:
-    """Whether a GeoPackage holds vector layers: it may hold a raster as well."""
+    """Return whether a GeoPackage contains vector layers. It may contain a raster instead."""
     import pyogrio
     from pyogrio.errors import DataSourceError
 
     try:
         return len(pyogrio.list_layers(path)) > 0
     except DataSourceError:
-        return not Path(path).exists()  # else it may hold a raster
+        return not Path(path).exists()  # an existing file may be a raster
 
 
 def _describe_mesh(path: str) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
-    """Facts as indented lines: nested mappings below their name, everything else beside it."""
+    """Return facts as indented lines. Nested mappings come below their name."""
     lines = []
     for name, value in facts.items():
         label = f"{indent}{name.replace('_', ' ')}:"

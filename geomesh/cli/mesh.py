@@ -1,4 +1,4 @@
-"""`geomesh mesh`: rasters in, mesh files out."""
+"""`geomesh mesh`: convert rasters to mesh files."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Plan:
-    """The jobs of a command, and the folder of their outputs if it was made for them."""
+    """The jobs of a command, and the folder of their outputs if this command created it."""
 
     jobs: tuple[MeshJob, ...]
-    made_folder: Path | None
+    new_folder: Path | None
 
 
 @click.command()
@@ -42,7 +42,7 @@ class _Plan:
     "--output",
     required=True,
     metavar="OUT",
-    help="File to write, or a folder: one mesh for each SRC.",
+    help="File to write, or a folder for one mesh per SRC.",
 )
 @raster_options
 @layer_options
@@ -51,26 +51,26 @@ class _Plan:
     "statistics",
     callback=words(STATISTICS),
     metavar="STAT,...",
-    help="What to measure in each triangle and band: mean, std, min, max. Default: all.",
+    help="What to compute for each triangle and band: mean, std, min, max. Default: all.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Tiles, or small rasters, to work on at a time. Default: one a core. "
-    "The mesh is the same for any N.",
+    help="Number of tiles, or of small rasters, to process at the same time. Default: one per "
+    "core. The mesh is the same for any N.",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Work on a Dask cluster instead, such as tcp://host:8786; its workers open SRC by "
-    "its path or URL.",
+    help="Use a Dask cluster instead of this computer, such as tcp://host:8786. Its workers open "
+    "SRC by its path or URL.",
 )
 @click.option(
     "--skip-existing",
     is_flag=True,
-    help="Leave outputs that are there, whole and made by the same recipe: a batch goes on where "
-    "it stopped.",
+    help="Skip each SRC whose output exists, is complete and was made with the same recipe from "
+    "the same pixels. Use it to continue an interrupted batch.",
 )
 @output_options
 @click.pass_obj
@@ -95,19 +95,19 @@ def mesh(
       geomesh mesh https://host/cog.tif -o mesh.gpkg --bounds 734145 -2827755 749505 -2812395
     """
     if workers is not None and scheduler is not None:
-        raise click.UsageError("--workers and --scheduler exclude each other: choose one")
+        raise click.UsageError("--workers and --scheduler cannot be used together: choose one")
     console = open_console(progress, quiet=as_json)
     plan, outcomes = _Plan((), None), list[dict[str, Any]]()
-    # Between two rasters, too.
+    # Also report an interruption between two rasters.
     with interruptible(console), ExitStack() as stack:
         with guarded(console, debug) as failures:
             plan = _plan(sources, **options)
             batch = stack.enter_context(_open_batch(plan.jobs, workers, scheduler, debug))
         if not failures:
             outcomes = _run(plan.jobs, batch, console, debug)
-    if plan.made_folder is not None:
-        with suppress(OSError):  # it holds a mesh
-            plan.made_folder.rmdir()
+    if plan.new_folder is not None:
+        with suppress(OSError):  # the folder is not empty: it contains a mesh
+            plan.new_folder.rmdir()
     failed = len(failures) + sum("error" in outcome for outcome in outcomes)
     if as_json:
         click.echo(json.dumps({"results": outcomes, "failed": failed}, indent=2))
@@ -123,56 +123,57 @@ def _plan(
     recipe_options: dict[str, Any],
     **writing: Any,
 ) -> _Plan:
-    """Return a job for each source, once it is known that nothing is read and overwritten."""
+    """Return one job for each source. Raise OutputError if an output would replace an input."""
     recipe = build_recipe(**recipe_options)
     paths, folder = _choose_outputs(sources, output, writing["driver"])
     protect_inputs(paths, [*sources, reading["mask"], recipe_options["recipe_file"]])
-    made = folder if folder is not None and _make_folder(folder) else None
+    new_folder = folder if folder is not None and _make_folder(folder) else None
     jobs = (
         MeshJob(source, path, recipe, reading=reading, **writing)
         for source, path in zip(sources, paths, strict=True)
     )
-    return _Plan(tuple(jobs), made)
+    return _Plan(tuple(jobs), new_folder)
 
 
 def _choose_outputs(
     sources: Sequence[str], output: str, driver: str | None
 ) -> tuple[list[Path], Path | None]:
-    """Return the file for each source and, where OUT is a folder, that folder.
+    """Return the output file of each source, and the folder if OUT is a folder.
 
-    It is one if it ends like one, is one already, or if there are several SRC.
+    OUT is a folder if it ends with a slash, if it is an existing folder, or if there are
+    several SRC.
     """
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
         return [folder], None
     if folder.suffix.lower() in EXTENSIONS and not folder.is_dir():
-        raise OutputError(f"{output} is the name of one file; for several rasters name a folder")
+        raise OutputError(f"{output} is the name of one file; for several rasters give a folder")
     if folder.exists() and not folder.is_dir():
         raise OutputError(
-            f"{output} is a file; for several rasters name a folder, as in -o meshes/"
+            f"{output} is a file; for several rasters give a folder, as in -o meshes/"
         )
     extension = find_format(f"mesh.{driver or 'gpkg'}", driver).extensions[0]
-    # "scene.tif" and "/vsizip/a.zip/scene.tif" alike give "scene".
+    # Both "scene.tif" and "/vsizip/a.zip/scene.tif" become "scene".
     names = [
         Path(source.rstrip("/").replace("\\", "/").rpartition("/")[2]).stem for source in sources
     ]
     twice = [name for name, times in Counter(names).items() if times > 1]
     if twice:
         raise OutputError(
-            f"several rasters are called {twice[0]!r}: their meshes would overwrite each other "
-            f"in {output}; mesh them into different folders"
+            f"several rasters have the name {twice[0]!r}, so their meshes would overwrite each "
+            f"other in {output}; write them to different folders"
         )
     return [folder / f"{name}{extension}" for name in names], folder
 
 
 def _make_folder(folder: Path) -> bool:
-    """Make the folder of the outputs; return whether it was not there."""
+    """Create the folder of the outputs. Return False if it exists already."""
     if folder.is_dir():
         return False
     try:
         folder.mkdir(parents=True)
     except OSError as error:
-        raise OutputError(f"the folder {folder} cannot be made: {error.strerror}") from error
+        raise OutputError(f"the folder {folder} cannot be created: {error.strerror}") from error
     return True
 
 
@@ -191,7 +192,7 @@ def _open_batch(
 
         return open_dask_workers(scheduler)
 
-    # A traceback can be shown of this process only.
+    # With --debug stay in this process: errors of other processes have no traceback.
     side_by_side = scheduler is None and not debug
     return open_batch(jobs, open_all, workers or available_cores(), side_by_side=side_by_side)
 
@@ -199,7 +200,7 @@ def _open_batch(
 def _run(
     jobs: Sequence[MeshJob], batch: Batch, console: Console, debug: bool
 ) -> list[dict[str, Any]]:
-    """Mesh one job after the other, tell of each, and return what became of it."""
+    """Run the jobs one after the other, report each one, and return their results."""
     outcomes = []
     for job in jobs:
         console.start("mesh", str(job.source))
@@ -215,23 +216,23 @@ def _run(
 
 def _report(job: MeshJob, summary: MeshSummary, console: Console) -> dict[str, Any]:
     figures = {"nodes": summary.nodes, "triangles": summary.triangles}
-    done = "left as it was" if summary.skipped else "certified"
-    text = f"{job.output}: {summary.nodes:,} nodes, {summary.triangles:,} triangles, {done}"
+    state = "skipped" if summary.skipped else "certified"
+    text = f"{job.output}: {summary.nodes:,} nodes, {summary.triangles:,} triangles, {state}"
     console.result([str(job.output)], figures, text)
-    told = asdict(summary) | {"warnings": [spell(warning) for warning in summary.warnings]}
-    return {"source": job.source, "output": str(job.output), **told}
+    facts = asdict(summary) | {"warnings": [spell(warning) for warning in summary.warnings]}
+    return {"source": job.source, "output": str(job.output), **facts}
 
 
 def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
-    """Print which rasters were meshed and which failed; why was said when they did."""
+    """Print which rasters were meshed and which failed. Their errors were printed before."""
     from rich.console import Console as RichConsole
     from rich.table import Table
     from rich.text import Text
 
     failed = sum("error" in outcome for outcome in outcomes)
-    left = sum(outcome.get("skipped", False) for outcome in outcomes)
-    title = f"{len(outcomes) - failed - left} meshed, {failed} failed"
-    title += f", {left} left as they were" if left else ""
+    skipped = sum(outcome.get("skipped", False) for outcome in outcomes)
+    title = f"{len(outcomes) - failed - skipped} meshed, {failed} failed"
+    title += f", {skipped} skipped" if skipped else ""
     table = Table(title=title, title_justify="left")
     for column in ("source", "nodes", "triangles", "outcome"):
         table.add_column(column, justify="right" if column in ("nodes", "triangles") else "left")

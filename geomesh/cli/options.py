@@ -1,4 +1,4 @@
-"""Options that several commands share, and how their values are parsed."""
+"""Options that several commands share, and the callbacks that parse their values."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _RECIPE = (
 
 
 def numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
-    """Parse '3,2,1' as rio does."""
+    """Parse numbers such as '3,2,1', in the same way as rio."""
     if value is None:
         return None
     try:
@@ -38,7 +38,7 @@ def numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> 
 
 
 def _budget(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
-    """Parse a number as a number; anything else is for the recipe to measure_fidelity."""
+    """Parse a whole number. Return any other text unchanged: the recipe checks it."""
     return int(value) if value is not None and value.isdecimal() else value
 
 
@@ -58,7 +58,7 @@ def words(choices: tuple[str, ...]) -> Callable[..., Any]:
 
 
 def _settings(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> Any:
-    """Parse NAME=VALUE, the value as JSON where it is that, else as text."""
+    """Parse NAME=VALUE. The value is JSON if it is valid JSON, else text."""
     settings = {}
     for item in value:
         name, equals, text = item.partition("=")
@@ -74,16 +74,16 @@ def _settings(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
 
 def _until_eof(_ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if value:
-        from geomesh.cli.until_eof import hold
+        from geomesh.cli.until_eof import watch_stdin
 
-        hold()
+        watch_stdin()
 
 
 def raster_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that say what to read and how to make a mesh of it.
+    """Add the options about the raster and about the recipe.
 
-    The command gets them as `reading`, keywords of `geomesh.raster.open.open_scene`, and
-    `recipe_options`, keywords of `build_recipe`.
+    The command gets them as two dicts: `reading`, the keywords of
+    `geomesh.raster.open.open_scene`, and `recipe_options`, the keywords of `build_recipe`.
     """
 
     @wraps(command)
@@ -103,46 +103,47 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 type=click.Choice(list(PRESETS)),
                 default="features",
                 show_default=True,
-                help="features: nodes at native resolution over the valid area. "
-                "paper: the published system to the letter, at 256 x 256 pixels.",
+                help="features: nodes at the raster's own resolution, over the valid area. "
+                "paper: exactly the published system, at 256 x 256 pixels.",
             ),
             click.option(
                 "--recipe",
                 "recipe_file",
                 type=click.Path(dir_okay=False),
-                help="JSON file with all parameters, as `geomesh info MESH --json` prints them; "
-                "takes the place of --preset.",
+                help="JSON file with all parameters, as printed by `geomesh info MESH --json`. "
+                "Used instead of --preset.",
             ),
             click.option(
                 "--nodes",
                 callback=_budget,
                 metavar="N|P%",
-                help="Node budget: a number, or a share of the valid pixels, such as 1%.",
+                help="Node budget: a number, or a percentage of the valid pixels, such as 1%.",
             ),
             click.option(
                 "-b",
                 "--bidx",
                 callback=numbers,
                 metavar="N,N,...",
-                help="Bands to use, from 1; three are taken as red, green, blue. "
-                "Default: all but alpha.",
+                help="Bands to use; the first is 1. Three bands are used as red, green and blue. "
+                "Default: all except alpha.",
             ),
             click.option(
                 "--gray",
                 metavar="band:N|mean|pca|luma",
-                help="How bands become gray. Default: luma of red, green and blue; the band "
-                "itself if there is one; else the first principal component.",
+                help="How the bands become one gray image. Default: luma if the bands are red, "
+                "green and blue; the band itself if there is only one; else the first principal "
+                "component.",
             ),
             click.option(
                 "--nodata",
                 type=float,
                 metavar="VALUE",
-                help="Nodata value, in place of the file's own (nan is a value too).",
+                help="Nodata value, used instead of the file's own. It may be nan.",
             ),
             click.option(
                 "--crs",
                 metavar="CRS",
-                help="Coordinate system, in place of the file's own: EPSG:32722, or WKT.",
+                help="Coordinate system, used instead of the file's own: EPSG:32722, or WKT.",
             ),
             click.option(
                 "--bounds",
@@ -155,25 +156,25 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 "--mask",
                 type=click.Path(),
                 metavar="AOI",
-                help="Area of interest: a file of polygons; pixels outside are left out.",
+                help="Area of interest: a file of polygons. Pixels outside are ignored.",
             ),
             click.option(
                 "--source-name",
                 "name",
                 metavar="NAME",
-                help="What messages and metadata call SRC, if its path does not tell.",
+                help="Name of SRC in messages and metadata. Default: its path.",
             ),
             click.option(
                 "--sift-upsample/--no-sift-upsample",
                 default=None,
-                help="Look for keypoints at twice the image's size (the default), or at its own: "
-                "faster, with fewer nodes.",
+                help="Search for keypoints in the image at twice its size (the default), or at its "
+                "own size, which is faster but finds fewer.",
             ),
             click.option(
                 "--domain",
                 type=click.Choice(DOMAINS),
-                help="What the mesh covers: the valid data, the whole image, or the "
-                "convex hull of the keypoints.",
+                help="Area of the mesh: the valid data, the whole image, or the convex hull of the "
+                "keypoints.",
             ),
             click.option(
                 "--set",
@@ -181,7 +182,8 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 multiple=True,
                 callback=_settings,
                 metavar="NAME=VALUE",
-                help=f"Any parameter of the recipe, such as canny_low=50 (repeatable): {_NAMES}.",
+                help="Set a parameter of the recipe, such as canny_low=50 (repeatable). "
+                f"Parameters: {_NAMES}.",
             ),
         )
     ):
@@ -190,20 +192,20 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def layer_options(command: Command) -> Command:
-    """Add the options that say what a mesh file is to hold, and how."""
+    """Add the options about the layers and the format of a mesh file."""
     for option in (
         click.option(
             "-f",
             "--driver",
             metavar="FORMAT",
-            help=f"{', '.join(DRIVERS)}. Default: by the extension of OUT.",
+            help=f"{', '.join(DRIVERS)}. Default: from the extension of OUT.",
         ),
         click.option(
             "--layers",
             callback=words(LAYERS),
             metavar="LAYER,...",
             help=f"Layers to write: {', '.join(LAYERS)}. "
-            "Default: all in a GeoPackage, else triangles.",
+            "Default: all in a GeoPackage, triangles in other formats.",
         ),
     ):
         command = option(command)
@@ -211,22 +213,22 @@ def layer_options(command: Command) -> Command:
 
 
 def output_options(command: Command) -> Command:
-    """Add the options that say how the outcome is told."""
+    """Add the options about existing outputs and about the messages of the command."""
     for option in (
-        click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON."),
+        click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
         click.option(
             "--progress",
             type=click.Choice(["bar", "jsonl", "none"]),
-            help="Bar (on a terminal the default), JSON lines for programs, or none.",
+            help="Show a bar (the default on a terminal), JSON lines for programs, or nothing.",
         ),
-        click.option("--overwrite", is_flag=True, help="Replace an output that exists."),
+        click.option("--overwrite", is_flag=True, help="Replace an existing output."),
         click.option(
             "--until-eof",
             is_flag=True,
             expose_value=False,
             callback=_until_eof,
-            help="Stop, as if terminated, once standard input ends: for programs that start "
-            "geomesh and may be killed themselves.",
+            help="Stop when standard input is closed, as after SIGTERM. For programs that start "
+            "geomesh: it then stops if they are killed.",
         ),
     ):
         command = option(command)
@@ -236,7 +238,7 @@ def output_options(command: Command) -> Command:
 def build_recipe(
     preset: str, recipe_file: str | None, settings: dict[str, Any], **values: Any
 ) -> Recipe:
-    """Return the recipe that the options ask for."""
+    """Return the recipe from the options."""
     recipe = Recipe.from_preset(preset)
     if recipe_file is not None:
         try:
@@ -245,7 +247,7 @@ def build_recipe(
         except RecipeError as error:
             raise RecipeError(f"{recipe_file}: {error}") from error
         except FileNotFoundError as error:
-            raise RecipeError(f"{recipe_file}: no such file") from error
+            raise RecipeError(f"{recipe_file}: no such file; check the path") from error
         except (OSError, ValueError, AttributeError) as error:
             raise RecipeError(f"{recipe_file} is not a recipe in JSON ({error})") from error
     given = {name: value for name, value in values.items() if value is not None}

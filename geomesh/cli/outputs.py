@@ -1,4 +1,4 @@
-"""No command writes over what it reads."""
+"""Protect the inputs of a command: an output must not replace them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from geomesh.errors import OutputError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-# A file inside a name for one of GDAL's drivers, such as NETCDF:"file.nc":band.
+# A file name inside the name for a GDAL driver, such as NETCDF:"file.nc":band.
 _INSIDE = re.compile(r"[A-Za-z0-9_]{2,}:(?:\"([^\"]+)\"|(.+?))(?::[^:]*)?")
 
 
 def protect_inputs(outputs: Iterable[str | Path], inputs: Iterable[str | None]) -> None:
-    """Refuse outputs that would take the place of something that is read.
+    """Raise an error if an output would replace an input.
 
     Raises
     ------
@@ -26,11 +26,11 @@ def protect_inputs(outputs: Iterable[str | Path], inputs: Iterable[str | None]) 
     for output in outputs:
         for path in read:
             if any(_is_same_file(file, output) for file in _files(path)):
-                raise OutputError(f"{output} is {path}, which is read; choose another name")
+                raise OutputError(f"{output} is the input {path}; choose another name")
 
 
 def _files(path: str) -> list[str]:
-    """Return what may be the file behind a name."""
+    """Return the paths of files that a name of GDAL can refer to."""
     match = _INSIDE.fullmatch(path)
     return [path, match[1] or match[2]] if match else [path]
 
@@ -38,5 +38,5 @@ def _files(path: str) -> list[str]:
 def _is_same_file(path: str, output: str | Path) -> bool:
     try:
         return Path(output).samefile(path)
-    except OSError:  # one of them is not there
+    except OSError:  # one of them does not exist
         return False

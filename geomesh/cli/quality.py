@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     metavar="OUT",
-    help="Write the mesh with every measure as an attribute of its triangles.",
+    help="Write the mesh with all measures as attributes of its triangles.",
 )
 @click.option(
     "--space",
     type=click.Choice(["image", "map"]),
     default="image",
     show_default=True,
-    help="Take lengths in pixels of the image that was worked on, or in map units.",
+    help="Measure lengths in pixels of the image that was meshed, or in map units.",
 )
 @output_options
 @click.pass_obj
@@ -78,8 +78,8 @@ def quality(
         elif progress != "jsonl":
             _print_quality(mesh_file, summary, "pixels" if space == "image" else "map units")
         if output is not None or progress == "jsonl":
-            made = [] if output is None else [output]
-            console.result(made, summary, f"{output}: the mesh with these measures, certified")
+            outputs = [] if output is None else [output]
+            console.result(outputs, summary, f"{output}: the mesh with these measures, certified")
     sys.exit(1 if failures else 0)
 
 

@@ -1,4 +1,4 @@
-"""`geomesh render`: a mesh as a raster again."""
+"""`geomesh render`: write a mesh as a raster."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ...]) -> Any:
-    """Parse NAME=VALUE as rio does."""
+    """Parse NAME=VALUE, in the same way as rio."""
     options = {}
     for item in value:
         name, equals, text = item.partition("=")
@@ -34,7 +34,7 @@ def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
     "source",
     required=True,
     metavar="SRC",
-    help="The raster that the mesh was made of; it gives the pixels and their values.",
+    help="The raster that the mesh was made from. It gives the pixels and their values.",
 )
 @click.option("-o", "--output", required=True, metavar="OUT", help="GeoTIFF to write.")
 @click.option(
@@ -42,27 +42,27 @@ def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
     type=click.Choice(["linear", "constant"]),
     default="linear",
     show_default=True,
-    help="Linear in each triangle between its nodes, or one value a triangle.",
+    help="Linear between the nodes of each triangle, or one value per triangle.",
 )
 @click.option(
     "--fit",
     type=click.Choice(["least-squares", "sampled"]),
     default="least-squares",
     show_default=True,
-    help="Choose the values so that the pixels err least, or take them from the raster at the "
-    "nodes and centroids.",
+    help="Choose the values with the smallest squared error of the pixels, or take them from the "
+    "raster at the nodes and centroids.",
 )
 @click.option(
     "-b",
     "--bidx",
     callback=numbers,
     metavar="N,N,...",
-    help="Bands of SRC, from 1. Default: those of which the mesh was made.",
+    help="Bands of SRC; the first is 1. Default: the bands that the mesh was made from.",
 )
 @click.option(
     "--crs",
     metavar="CRS",
-    help="Coordinate system, in place of SRC's own, as given when the mesh was made.",
+    help="Coordinate system, used instead of SRC's own. Give the same as for the mesh.",
 )
 @click.option(
     "--co",
@@ -76,7 +76,8 @@ def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
     "--workers",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Tiles to work on at a time. Default: one a core. The picture is the same for any N.",
+    help="Number of tiles to process at the same time. Default: one per core. The result is the "
+    "same for any N.",
 )
 @output_options
 @click.pass_obj
@@ -96,10 +97,10 @@ def render(
     progress: str | None,
     as_json: bool,
 ) -> None:
-    """Paint MESH (.gpkg) on the pixels of SRC, and tell how faithful that is (PSNR).
+    """Write MESH (.gpkg) as a raster on the pixels of SRC, and print its PSNR.
 
-    OUT has the type of SRC, the part of its grid that the mesh was made of, and the nodata
-    value of SRC, or a mask, outside the mesh.
+    OUT has the data type of SRC. It covers the part of SRC that the mesh was made from. Pixels
+    outside the mesh get the nodata value of SRC, or OUT gets a mask.
 
     \b
     Examples:
@@ -137,8 +138,8 @@ def render(
         outcome = {"source": mesh_file, "like": source, "output": output, **figures}
         if not as_json and progress != "jsonl":
             _print_fidelity(fidelity)
-        told = f"{output}: {mesh_file} on the pixels of {source}, PSNR {fidelity.overall:.2f} dB"
-        console.result([output], figures, told)
+        text = f"{output}: {mesh_file} on the pixels of {source}, PSNR {fidelity.overall:.2f} dB"
+        console.result([output], figures, text)
     if as_json:
         click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
     sys.exit(1 if failures else 0)

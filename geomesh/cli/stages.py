@@ -1,4 +1,4 @@
-"""`geomesh stages`: the picture of what each stage gives."""
+"""`geomesh stages`: draw the result of each stage."""
 
 from __future__ import annotations
 
@@ -16,7 +16,13 @@ from geomesh.cli.outputs import protect_inputs
 
 @click.command()
 @click.argument("source", metavar="SRC")
-@click.option("-o", "--output", required=True, metavar="FIG", help="Picture: .png, .pdf or .svg.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FIG",
+    help="Picture to write (.png, .pdf or .svg).",
+)
 @raster_options
 @output_options
 @click.pass_obj
@@ -31,10 +37,10 @@ def stages(
     reading: dict[str, Any],
     recipe_options: dict[str, Any],
 ) -> None:
-    """Draw the stages of the pipeline on SRC: gray, Canny edges, keypoints, mesh.
+    """Draw the stages of the pipeline for SRC: gray image, Canny edges, keypoints, mesh.
 
-    A raster of more than 2048 pixels a side is shown by its middle; choose another
-    part with --bounds.
+    If a side of the raster is longer than 2048 pixels, only its middle is shown. Choose
+    another part with --bounds.
 
     \b
     Examples:
@@ -52,11 +58,11 @@ def stages(
         protect_inputs([output], [source, reading["mask"], recipe_options["recipe_file"]])
         check_picture(output, overwrite=overwrite)
         scene = open_scene(source, **reading)
-        found = run_stages(scene, recipe, report)
-        save_picture(draw_stages(found, Path(source).name), output, overwrite=overwrite)
+        results = run_stages(scene, recipe, report)
+        save_picture(draw_stages(results, Path(source).name), output, overwrite=overwrite)
     outcome: dict[str, Any] = {"source": source, "error": "".join(failures[:1])}
     if not failures:
-        figures = {"nodes": len(found.mesh.nodes), "triangles": len(found.mesh.triangles)}
+        figures = {"nodes": len(results.mesh.nodes), "triangles": len(results.mesh.triangles)}
         outcome = {"source": source, "output": output, **figures}
         console.result([output], figures, f"{output}: the stages of {source}")
     if as_json:

@@ -1,29 +1,29 @@
-"""Stop when the program that started geomesh has gone: it held the other end of standard input."""
+"""Stop when standard input is closed: the program that started geomesh has exited."""
 
 from __future__ import annotations
 
-import _thread
 import os
 import signal
 import sys
 import threading
 
+from geomesh.cli.signals import send_to_main_thread
 
-def hold() -> None:
-    """Watch standard input from a thread; at its end this process is terminated.
 
-    Closing the pipe is also the one way to ask for a clean stop on every system:
-    Windows has no SIGTERM that a process could act upon.
+def watch_stdin() -> None:
+    """Watch standard input in a thread, and terminate this process when it is closed.
+
+    Closing the pipe is also the only clean way to stop this process on every system: on
+    Windows a process cannot handle SIGTERM.
     """
     threading.Thread(target=_watch, name="lifeline", daemon=True).start()
 
 
 def _watch() -> None:
-    # Not through sys.stdin: its lock would be held at the exit of the interpreter.
+    # Do not read sys.stdin: its lock would block the exit of the interpreter.
     try:
         while os.read(sys.__stdin__.fileno() if sys.__stdin__ else 0, 4096):
             pass
     except OSError:
-        pass  # closed from the start
-    # Runs the handler of the signal in the main thread, on Windows too.
-    _thread.interrupt_main(signal.SIGTERM)
+        pass  # standard input was already closed
+    send_to_main_thread(signal.SIGTERM)

@@ -1,10 +1,9 @@
-"""`geomesh --version`: geomesh's, and those of what it stands on."""
+"""`geomesh --version`: the versions of geomesh and of the libraries that it uses."""
 
 from __future__ import annotations
 
 import importlib
 import platform
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import click
@@ -15,7 +14,7 @@ from geomesh.errors import one_line
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# What the libraries bring with them: each its own GDAL and PROJ, of versions that may differ.
+# Each library contains its own GDAL or PROJ, and their versions may differ.
 _LIBRARIES = {
     "rasterio": {"rasterio": "__version__", "GDAL": "__gdal_version__", "PROJ": "__proj_version__"},
     "pyogrio": {"pyogrio": "__version__", "GDAL": "__gdal_version_string__"},
@@ -29,10 +28,10 @@ _LIBRARIES = {
 
 
 def print_versions(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
-    """Print the versions and exit, if asked for."""
+    """Print the versions and exit, if the option is given."""
     if not value or ctx.resilient_parsing:
         return
-    # Programs read the first line; the others are for people, and for reports of defects.
+    # Programs read the first line. The other lines are for people and for bug reports.
     click.echo(f"geomesh, version {__version__}")
     for line in _libraries():
         click.echo(line)
@@ -40,14 +39,17 @@ def print_versions(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 
 
 def _libraries() -> Iterator[str]:
+    from importlib.metadata import version
+
     yield f"Python {platform.python_version()}, {platform.platform()}"
-    for name, told in _LIBRARIES.items():
+    for name, attributes in _LIBRARIES.items():
         try:
             library = importlib.import_module(name)
-        except Exception as error:  # what is broken is what one wants to know
+        except Exception as error:  # report a broken library, and go on
             yield f"{name} cannot be imported: {one_line(error)}"
         else:
             yield ", ".join(
-                f"{what} {getattr(library, where, None)}" for what, where in told.items()
+                f"{label} {getattr(library, attribute, None)}"
+                for label, attribute in attributes.items()
             )
     yield f"pythoncdt {version('pythoncdt')}"

@@ -116,10 +116,15 @@ def _cut_fans(points: Points, triangles: Triangles, neighbours: Triangles, sides
     lowest vertex, forms a triangle with that vertex. The n new triangles replace the group.
     """
     other = neighbours[sides.t, sides.k]
-    members, local = np.unique(np.concatenate([sides.t, other]), return_inverse=True)
-    one, another = np.split(local, 2)
-    group = _groups(one, another, len(members))
-    member, corner = np.nonzero(~_shared(triangles, members, sides))
+    ends = _ends(triangles, sides.t, sides.k)
+    gone = np.zeros(triangles.shape, np.bool_)
+    gone[sides.t, sides.k] = True
+    gone[other, _facing(triangles, other, ends)] = True
+    members = np.flatnonzero(gone.any(axis=1))
+    place = np.empty(len(triangles), np.int32)
+    place[members] = np.arange(len(members))
+    group = _groups(place[sides.t], place[other], len(members))
+    member, corner = np.nonzero(~gone[members])
     t, of = members[member], group[member]
     u, v = triangles[t, (corner + 1) % 3], triangles[t, (corner + 2) % 3]
     outer = neighbours[t, corner]
@@ -135,7 +140,7 @@ def _cut_fans(points: Points, triangles: Triangles, neighbours: Triangles, sides
     _join(triangles, neighbours, places, np.column_stack([u, v]), outer)
 
 
-def _groups(one: NDArray[np.intp], other: NDArray[np.intp], count: int) -> NDArray[np.int32]:
+def _groups(one: Ids, other: Ids, count: int) -> NDArray[np.int32]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -144,15 +149,15 @@ def _groups(one: NDArray[np.intp], other: NDArray[np.intp], count: int) -> NDArr
     return labels
 
 
-def _shared(triangles: Triangles, members: NDArray[np.intp], sides: _Sides) -> Mask:
-    """Return which sides (M, 3) of the triangles `members` are among the sides to remove."""
-    gone = edge_keys(_ends(triangles, sides.t, sides.k))
-    own = [edge_keys(_ends(triangles, members, np.full(len(members), k))) for k in range(3)]
-    return np.isin(np.column_stack(own), gone)
-
-
 def _ends(triangles: Triangles, t: NDArray[np.integer], k: NDArray[np.integer]) -> Ids:
     return np.column_stack([triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]])
+
+
+def _facing(triangles: Triangles, t: NDArray[np.integer], ends: Ids) -> NDArray[np.intp]:
+    """Return the corner of each triangle `t` that is opposite to its side `ends` (K, 2)."""
+    corners = triangles[t]
+    facing: NDArray[np.intp] = ((corners != ends[:, :1]) & (corners != ends[:, 1:])).argmax(axis=1)
+    return facing
 
 
 def _join(
@@ -186,9 +191,7 @@ def _join(
     neighbours[t[sides], k[sides]] = beyond
     there = beyond != FILL
     sides, beyond = sides[there], beyond[there]
-    corners = triangles[beyond]
-    facing = ((corners != ends[sides, :1]) & (corners != ends[sides, 1:])).argmax(axis=1)
-    neighbours[beyond, facing] = t[sides]
+    neighbours[beyond, _facing(triangles, beyond, ends[sides])] = t[sides]
 
 
 def _directed(ends: NDArray[np.integer]) -> NDArray[np.int64]:

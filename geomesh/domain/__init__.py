@@ -1,1 +1,1 @@
-"""The area that a mesh covers: its outline, traced and simplified to loops."""
+"""The domain of a mesh: trace the outline of the valid data and simplify it to loops."""

@@ -1,4 +1,4 @@
-"""The area that a mesh covers: its outline as loops of few straight segments."""
+"""The domain of a mesh as loops: simplify the outline, and add nodes along it."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     from geomesh.domain.outline import Outline
     from geomesh.raster.grid import Window
 
-# A segment of the simplified outline stays this far from every pixel centre: more
-# than snapping its nodes to the lattice can move it.
+# Smallest distance of a segment of the simplified outline to a pixel centre, in pixels.
+# Rounding the nodes to the lattice moves a segment by less than this.
 _CLEARANCE = 1 / 128
 
-# Along an exactly diagonal border one sees to its end; that far is far enough, and
-# keeps the time proportional to the length of the outline.
+# Largest number of stations that one line passes. Along an exactly diagonal border a line could
+# pass them all. The limit keeps the time proportional to the length of the outline.
 _FARTHEST_VIEW = 2000
 
 
 def simplify(outline: Outline, extent: Window) -> list[NDArray[np.float64]]:
     """Return the loops with the fewest corners that keep every pixel centre on its side.
 
-    The outline passes a gate at every pixel border it follows: the gap between the
-    centres of the two pixels on either side. A simplified loop passes the same
-    gates in straight lines, so it moves by less than a pixel, no pixel changes
-    sides and loops cannot cross. Its corners are corners of the outline and
-    middles of its unit steps, which is where a slanted border runs. Corners on the
-    frame of the image and those where outlines touch stay.
+    At every pixel border that it follows, the outline passes a gate: the gap between the
+    centres of the two pixels on either side. A simplified loop passes the same gates in
+    straight lines. So it moves by less than a pixel, no pixel changes sides, and loops
+    cannot cross. Corners of the loop are corners of the outline, or midpoints of its unit
+    steps, because a slanted border runs through these. Corners on the frame of the image
+    and corners where outlines touch are kept.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def simplify(outline: Outline, extent: Window) -> list[NDArray[np.float64]]:
     loops = []
     for start, stop in pairwise(outline.starts):
         loop, stays = outline.xy[start:stop].astype(np.float64), fixed[start:stop]
-        # Begin at a corner that stays, or else at the topmost, then leftmost one.
+        # Begin at a corner that is kept; else at the topmost corner, and there the leftmost.
         first = np.flatnonzero(stays)[0] if stays.any() else np.lexsort(loop.T)[0]
         stations = _stations(np.roll(loop, -first, axis=0), np.roll(stays, -first))
         loops.append(stations.xy[_fewest_lines(stations, 0.5 - _CLEARANCE)])
@@ -63,14 +63,14 @@ def simplify(outline: Outline, extent: Window) -> list[NDArray[np.float64]]:
 
 
 class _Stations(NamedTuple):
-    """What a walk along a loop meets, in order.
+    """The stations along a loop, in order.
 
     Attributes
     ----------
     xy : float64 (n, 2)
         A corner of the outline, or the middle of a gate.
     step : float64 (n, 2)
-        Unit vector of the walk.
+        Unit vector of the direction along the outline.
     may_turn, is_gate, stays : bool (n,)
         Whether the simplified loop may have a corner here, passes a gate here, or
         must have a corner here.
@@ -84,24 +84,29 @@ class _Stations(NamedTuple):
 
 
 def _stations(loop: NDArray[np.float64], stays: NDArray[np.bool_]) -> _Stations:
-    """Return the stations of a loop (k, 2); the gates at both ends of a side stand for all."""
+    """Return the stations of a loop (k, 2).
+
+    Of the gates of a side, the first and the last are enough: a line through both passes all.
+    """
     side = np.roll(loop, -1, axis=0) - loop
     length = np.abs(side).sum(axis=1)
     step = side / length[:, None]
     xy = np.stack([loop, loop + step / 2, loop + side - step / 2], axis=1)
     unit, always = length == 1, np.ones(len(loop), np.bool_)
-    met = np.column_stack([always, always, ~unit]).ravel()
+    used = np.column_stack([always, always, ~unit]).ravel()
     may_turn = np.column_stack([always, unit, ~always]).ravel()
     is_gate = np.column_stack([~always, always, always]).ravel()
     fixed = np.column_stack([stays, ~always, ~always]).ravel()
     along = np.repeat(step, 3, axis=0)
-    return _Stations(xy.reshape(-1, 2)[met], along[met], may_turn[met], is_gate[met], fixed[met])
+    return _Stations(
+        xy.reshape(-1, 2)[used], along[used], may_turn[used], is_gate[used], fixed[used]
+    )
 
 
 def _fewest_lines(stations: _Stations, reach: float) -> NDArray[np.int64]:
-    """Stations at which to turn, to come from station 0 back to it in the fewest lines.
+    """Return the stations that are corners of the loop with the fewest lines.
 
-    `reach` is the half width of a gate.
+    It begins and ends at station 0. `reach` is the half width of a gate.
     """
     count = len(stations.xy)
     lines = np.full(count + 1, count + 1, np.int64)
@@ -136,10 +141,10 @@ def _find_lines(
     lines: NDArray[np.int64],
     came_from: NDArray[np.int64],
 ) -> None:
-    """Fill the fewest lines to each station, and the station from which they come.
+    """Fill `lines`, the fewest lines to each station, and `came_from`, the previous corner.
 
-    The directions in which the gates so far can be passed form a cone between `low` (past
-    the invalid side) and `high` (past the valid one).
+    The directions that pass all gates so far form a cone from `low` (at the invalid side) to
+    `high` (at the valid side).
     """
     count = len(xy)
     for here in range(count):
@@ -157,7 +162,7 @@ def _find_lines(
             if stays[i]:
                 break
             if is_gate[i]:
-                # Data lie at (-step y, step x): walking along +x they are at +y.
+                # The data are in direction (-step y, step x): along +x they are at +y.
                 vx, vy = x - step[i, 1] * reach, y + step[i, 0] * reach
                 wx, wy = x + step[i, 1] * reach, y - step[i, 0] * reach
                 if not bounded or high_x * vy - high_y * vx < 0:
@@ -170,14 +175,14 @@ def _find_lines(
 
 
 def frame(width: int, height: int) -> list[NDArray[np.float64]]:
-    """Return the image's frame as the only loop."""
+    """Return the frame of the image as a list of one loop."""
     return [np.array([(0, 0), (width, 0), (width, height), (0, height)], np.float64)]
 
 
 def describe_domain(kind: str, loops: Sequence[NDArray[np.float64]], **counts: int) -> DomainFacts:
-    """Return what is known of the area inside `loops` before it is triangulated.
+    """Return the facts about the area inside `loops`, before it is triangulated.
 
-    `counts` are further fields of DomainFacts.
+    `counts` are other fields of DomainFacts.
     """
     areas = np.array([loop_area(loop) for loop in loops])
     return DomainFacts(
@@ -190,30 +195,29 @@ def describe_domain(kind: str, loops: Sequence[NDArray[np.float64]], **counts: i
 
 
 def loop_area(loop: NDArray[np.float64]) -> float:
-    """Return the shoelace area of a loop (k, 2); positive around data."""
+    """Return the signed area of a loop (k, 2), by the shoelace formula; positive around data."""
     x, y = (loop - loop[0]).T
     return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
 
 
 def subdivide(loop: NDArray[np.float64], spacing: float, inside: cKDTree) -> NDArray[np.float64]:
-    """Return the loop with nodes added, as close together as the points inside ask for.
+    """Return the loop with added nodes, whose density depends on the nodes inside.
 
-    A segment is halved as long as it is longer than `spacing` and than the
-    distance of its middle to the nearest point: so the nodes of the outline lie
-    about as far apart as they do from those of the interior, and triangles along
-    the border keep their shape.
+    A segment is halved while it is longer than `spacing` and longer than the distance from
+    its midpoint to the nearest inner node. So neighbouring nodes of the outline are about as
+    far from each other as from the inner nodes, and triangles at the border are well shaped.
 
     Parameters
     ----------
     loop : float64 (k, 2)
     spacing : float
-        Segments up to this length stay whole, in pixels.
+        Segments up to this length are not divided, in pixels.
     inside : cKDTree
-        The other nodes of the mesh; with none of them the loop stays as it is.
+        The other nodes of the mesh. If there are none, the loop is returned unchanged.
     """
     if inside.n == 0:
         return loop
-    # Each segment as its place along the loop: corner number, and the part of it.
+    # The start of each segment as a position along the loop: number of the corner + fraction.
     start, length = np.arange(len(loop), dtype=np.float64), 1.0
     following = np.roll(loop, -1, axis=0)
     places = [start]

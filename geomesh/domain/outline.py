@@ -1,7 +1,7 @@
-"""The outline of the valid data, on pixel corners, traced from the places where it turns.
+"""Trace the outline of the valid data from the pixel corners where it turns.
 
-An outline runs on pixel borders, between a valid and an invalid pixel. Tiles
-contribute their turns, so no mask of the whole scene is ever held.
+The outline runs along pixel borders between valid and invalid pixels. Each tile finds its own
+turns, so the mask of the whole scene is never in memory.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from geomesh.parallel.tiles import Tile
     from geomesh.raster.grid import Window
 
-# Which of the four pixels around a corner are valid, as a sum of:
+# The kind of a corner: which of its four pixels are valid, as a sum of these numbers.
 _UPPER_LEFT, _UPPER_RIGHT, _LOWER_LEFT, _LOWER_RIGHT = 1, 2, 4, 8
-# One pixel or three make the outline turn; two diagonal ones make two outlines turn.
+# With one or three valid pixels the outline turns. With two diagonal ones two outlines turn.
 _TURNS = np.isin(np.arange(16), [1, 2, 4, 8, 7, 11, 13, 14])
 _SADDLES = {
     _UPPER_LEFT | _LOWER_RIGHT: (_UPPER_LEFT, _LOWER_RIGHT),
     _UPPER_RIGHT | _LOWER_LEFT: (_UPPER_RIGHT, _LOWER_LEFT),
 }
-# Where the two sides of a turn lead, and on which side of the horizontal one the data lie.
+# The directions of the two sides of a turn, and on which side of the horizontal one the data are.
 _GOES_RIGHT = np.isin(np.arange(16), [2, 8, 7, 13])
 _GOES_DOWN = np.isin(np.arange(16), [4, 8, 7, 11])
 _DATA_BELOW = np.isin(np.arange(16), [4, 8, 13, 14])
@@ -59,12 +59,12 @@ class Outline:
     Attributes
     ----------
     xy : int64 (n, 2)
-        The turns of all loops, loop after loop; walking on, data are on the side
-        of growing y when x grows: outer loops have positive shoelace areas.
+        The turns of all loops, one loop after the other. Where x increases along the loop,
+        the data are on the side of larger y. So outer loops have positive shoelace areas.
     starts : int64 (m + 1,)
-        Where each loop begins in `xy`; the last entry is n.
+        Index in `xy` where each loop begins; the last entry is n.
     pinned : bool (n,)
-        Corners that two outlines touch: they stay when the outline is simplified.
+        Corners where two outlines touch. They are kept when the outline is simplified.
     """
 
     xy: NDArray[np.int64]
@@ -72,7 +72,7 @@ class Outline:
     pinned: NDArray[np.bool_]
 
     def areas(self) -> NDArray[np.int64]:
-        """Signed area of each loop in pixels: positive around data, negative around holes."""
+        """Return the signed area of each loop in pixels: positive around data, else negative."""
         following = np.arange(1, len(self.xy) + 1)
         following[self.starts[1:] - 1] = self.starts[:-1]
         x, y = self.xy.T
@@ -81,17 +81,17 @@ class Outline:
 
 
 def find_turns(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Turns:
-    """Return the turns of the outline that the tile answers for.
+    """Return the turns of the outline that belong to a tile.
 
     Parameters
     ----------
     valid : bool (h, w)
         Validity of the pixels of `tile.read`.
     tile : Tile
-        It answers for the upper left corners of the pixels of its core, and for
-        the right and lower border of the image where it reaches them.
+        To it belong the upper left corners of the pixels of its core, and the corners on the
+        right and lower border of the image if the core touches it.
     extent : Window
-        The whole image; outside it nothing is valid.
+        The whole image. Outside of it all pixels are invalid.
     """
     core = tile.core
     ring = core.pad(1)
@@ -117,7 +117,15 @@ def find_turns(valid: NDArray[np.bool_], tile: Tile, extent: Window) -> Turns:
 
 
 class Dropped(NamedTuple):
-    """What was left out: islands of data, holes, and the pixels of the islands less the holes'."""
+    """What was dropped.
+
+    Attributes
+    ----------
+    islands, holes : int
+        Number of islands of data and of holes.
+    pixels : int
+        Pixels of the islands minus pixels of the holes.
+    """
 
     islands: int
     holes: int
@@ -127,16 +135,17 @@ class Dropped(NamedTuple):
 def trace(parts: Sequence[Turns]) -> Outline:
     """Join turns into closed loops.
 
-    Along each grid line the outline enters and leaves at alternate turns, so
-    consecutive turns are joined, first along rows, then along columns; a loop
-    takes both joints in turn. Diagonal pixels do not join (4-connected data).
+    Along each grid line, sides of the outline begin and end at alternate turns. So pairs of
+    consecutive turns are joined, first along rows, then along columns. A loop follows these
+    two kinds of joints alternately. Diagonal pixels are not joined (4-connected data).
     """
     xy = np.concatenate([part.xy for part in parts])
     kind = np.concatenate([part.kind for part in parts])
     order = np.lexsort((kind, xy[:, 0], xy[:, 1]))
     xy, kind = xy[order], kind[order]
     x, y = xy.T
-    # Of two turns at one corner, the one whose side leads back ends its side there.
+    # If two turns share a corner, the turn where a side ends comes before the turn where the next
+    # side begins.
     along_row = np.lexsort((_GOES_RIGHT[kind], x, y))
     along_column = np.lexsort((_GOES_DOWN[kind], y, x))
     count = len(kind)
@@ -144,7 +153,7 @@ def trace(parts: Sequence[Turns]) -> Outline:
     partners = _partners(along_row), _partners(along_column)
     starts = starts[: _follow(*partners, np.zeros(count, np.bool_), visits, starts) + 1]
     loops = [visits[a:b] for a, b in pairwise(starts)]
-    # Each loop begins along a row: turn it around if data are not where they should be.
+    # Each loop begins along a row. Reverse it if the data are on the wrong side.
     loops = [
         loop if _GOES_RIGHT[kind[loop[0]]] == _DATA_BELOW[kind[loop[0]]] else loop[::-1]
         for loop in loops
@@ -174,7 +183,7 @@ def _follow(
     visits: NDArray[np.int64],
     starts: NDArray[np.int64],
 ) -> int:
-    """Fill the turns in the order of their loops and where each begins; return how many loops."""
+    """Fill `visits`, the turns of loop after loop, and `starts`; return the number of loops."""
     filled, loops = 0, 0
     for first in range(len(along_row)):
         if seen[first]:
@@ -195,9 +204,8 @@ def _follow(
 def drop_small_loops(outline: Outline, min_hole: int) -> tuple[Outline, Dropped]:
     """Return the outline without loops of fewer than `min_hole` pixels.
 
-    A loop inside a dropped one is smaller still, so it goes as well. Where all are
-    smaller the largest stays, or nothing would be left.
-
+    A loop inside a dropped loop is even smaller, so it is dropped too. If all loops are
+    smaller, the largest one is kept, because a mesh needs one.
     """
     areas = outline.areas()
     kept = np.abs(areas) >= min_hole

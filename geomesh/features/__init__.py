@@ -1,4 +1,4 @@
-"""Stages 1 to 3: gray image, Sobel, Canny edges, SIFT keypoints."""
+"""Stages 1 to 3: gray image and Sobel, Canny edges, SIFT keypoints."""
 
 import lazy_loader
 

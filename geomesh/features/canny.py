@@ -1,10 +1,9 @@
-"""Stage 2: Canny edges, tile by tile, with hysteresis that is exact across tiles.
+"""Stage 2: Canny edges, tile by tile, with exact hysteresis across tiles.
 
-Gradients and non-maximum suppression look at a few pixels only; hysteresis
-follows an edge as far as it goes. So each tile labels its own weak components,
-tells which of them hold a strong pixel, and lists the pixels that its
-neighbours see too: components that share a pixel are one, and an edge is a
-component with a strong pixel anywhere.
+Gradients and non-maximum suppression depend on a few pixels only, but hysteresis follows an
+edge over any distance. So each tile labels its components of weak pixels, marks those that
+contain a strong pixel, and lists the pixels that neighbouring tiles see too. Components that
+share a pixel are one component. A component with a strong pixel in any tile is an edge.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ if TYPE_CHECKING:
     from geomesh.features.gray_image import GrayImage
     from geomesh.recipe import Recipe
 
-# Automatic thresholds: the high one is twice the median gradient of the pixels that
-# have one, but below what the strongest have (in a mask all edges are strong); the
-# low one is half of it.
+# Automatic thresholds. High: twice the median of the gradients above 0, but at most 0.9 times
+# their 99th percentile, because in a mask all edges are equally strong. Low: half of the high
+# one.
 _MEDIANS = 2.0
 _STRONGEST = 99
 _OF_STRONGEST = 0.9
 
-# Edges may run so far into nodata: through speckle, not through a collar.
+# Edges may cross nodata within this distance of data: single pixels, but not a wide border.
 _BRIDGE = np.ones((5, 5), np.uint8)
 
-# Thresholds are capped at this, as OpenCV does.
+# Upper limit of the thresholds, the same as in OpenCV.
 _GREATEST = 32_767
 
 Gradients = tuple[NDArray[np.int16], NDArray[np.int16]]
@@ -45,7 +44,7 @@ Gradients = tuple[NDArray[np.int16], NDArray[np.int16]]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Hysteresis thresholds on the gradient, in gray levels, and the norm they are meant in."""
+    """Hysteresis thresholds on the gradient, in gray levels, for the L2 norm or the L1 norm."""
 
     low: float
     high: float
@@ -53,12 +52,12 @@ class Thresholds:
 
 
 class WeakEdges(NamedTuple):
-    """The weak edge components of a tile.
+    """The components of weak edge pixels of a tile.
 
     Attributes
     ----------
     labels : int32 (h, w)
-        Components in `window`, numbered from 1; 0 is no edge.
+        Number of the component of each pixel in `window`, from 1; 0 is no edge.
     window : Window
         The tile's core and a seam around it.
     """
@@ -69,16 +68,16 @@ class WeakEdges(NamedTuple):
 
 @dataclass(frozen=True)
 class EdgePartial:
-    """What one tile tells the others of its components; small, unlike their pixels.
+    """The data about the components of one tile that `unite` needs. It is small.
 
     Attributes
     ----------
     strong : bool (K + 1,)
-        Whether component k holds a strong pixel in this tile.
+        Whether component k contains a strong pixel in this tile.
     seam_pixels : int64 (S,)
         Weak pixels that other tiles see too, each as row * image width + column.
     seam_labels : int32 (S,)
-        Their components.
+        The component of each of these pixels.
     """
 
     strong: NDArray[np.bool_]
@@ -91,7 +90,7 @@ def canny_edges(
 ) -> NDArray[np.bool_]:
     """Return the Canny edges of a whole 8-bit image (H, W).
 
-    Edges do not run on into pixels that are not `valid` (H, W).
+    Edges do not continue into pixels that are not `valid` (H, W).
     """
     if valid is None:
         valid = np.ones(gray.shape, np.bool_)
@@ -105,7 +104,7 @@ def canny_edges(
 
 
 def _gradients(gray: Gray) -> Gradients:
-    """3x3 Sobel derivatives with the border rule of cv2.Canny."""
+    """Return the 3x3 Sobel derivatives, with the border rule of cv2.Canny."""
     border = cv2.BORDER_REPLICATE
     dx = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=3, borderType=border)
     dy = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=3, borderType=border)
@@ -113,20 +112,20 @@ def _gradients(gray: Gray) -> Gradients:
 
 
 def _magnitude(gradients: Iterable[NDArray[np.int16]], l2: bool) -> NDArray[np.int32]:
-    """Gradient magnitude as cv2.Canny compares it: the L1 norm, or the square of the L2 norm."""
+    """Return the magnitude that cv2.Canny compares: the L1 norm, or the square of the L2 norm."""
     dx, dy = (g.astype(np.int32) for g in gradients)
     return dx * dx + dy * dy if l2 else np.abs(dx) + np.abs(dy)
 
 
 def automatic_thresholds(samples: Sequence[tuple[Gray, NDArray[np.bool_]]], l2: bool) -> Thresholds:
-    """Return thresholds set from the median gradient.
+    """Return thresholds that are computed from the median gradient.
 
     Parameters
     ----------
     samples : sequence of (gray (h, w), valid (h, w))
         Blocks of the image at its own resolution.
     l2 : bool
-        Norm of the gradient.
+        True: L2 norm of the gradient. False: L1 norm.
     """
     magnitudes = [np.zeros(0, np.int32)]
     for gray, valid in samples:
@@ -149,20 +148,21 @@ def tile_edges(
     image_width: int,
     seam: int,
 ) -> tuple[WeakEdges, EdgePartial]:
-    """Return the weak edges of the tile whose pixels `tile.read` are in `gray`.
+    """Return the weak edges of a tile, and the data about them for `unite`.
 
     Parameters
     ----------
     gray : uint8 (h, w)
+        Gray levels of the pixels of `tile.read`.
     valid : bool (h, w)
-        Edges bridge single pixels of nodata, but do not run on into it: what is filled
-        in far from the data depends on the tile.
+        Valid pixels. Edges cross single pixels of nodata, but do not continue into larger
+        areas, because the gray levels filled in far from data depend on the tile.
     tile : Tile
     thresholds : Thresholds
     image_width : int
         Number of columns of the whole image.
     seam : int
-        Pixels around the core to look at as well, at least 1.
+        Width of the seam around the core, in pixels, at least 1.
     """
     gradients = _gradients(gray)
     low, l2 = thresholds.low, thresholds.l2
@@ -172,24 +172,24 @@ def tile_edges(
     block = window.slices(tile.read)
     high = min(thresholds.high, _GREATEST)
     limit = int(high**2) if l2 else int(high)
-    count, found = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
-    labels: NDArray[np.int32] = np.asarray(found, np.int32)
+    count, components = cv2.connectedComponents(weak[block], connectivity=8, ltype=cv2.CV_32S)
+    labels: NDArray[np.int32] = np.asarray(components, np.int32)
     rows, cols = np.nonzero(weak[block])
     label = labels[rows, cols]
     magnitude = _magnitude((gradient[block][rows, cols] for gradient in gradients), l2)
     strong = np.zeros(count, np.bool_)
     strong[label[magnitude > limit]] = True
     rows, cols = rows + window.row, cols + window.col
-    alone = tile.core.pad(-seam)
-    shared = (rows < alone.row) | (rows >= alone.stop_row)
-    shared |= (cols < alone.col) | (cols >= alone.stop_col)
+    inner = tile.core.pad(-seam)  # no other tile sees these pixels
+    shared = (rows < inner.row) | (rows >= inner.stop_row)
+    shared |= (cols < inner.col) | (cols >= inner.stop_col)
     pixels = rows[shared].astype(np.int64) * image_width + cols[shared]
     return WeakEdges(labels, window), EdgePartial(strong, pixels, label[shared])
 
 
 def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:
     """Return, for each tile, which of its components are edges: bool (K + 1,)."""
-    from scipy.sparse import coo_array  # takes a while to import, as csgraph does
+    from scipy.sparse import coo_array  # slow to import, like csgraph
     from scipy.sparse.csgraph import connected_components
 
     starts = np.cumsum([0] + [len(p.strong) for p in partials])
@@ -206,52 +206,48 @@ def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:
     strong = np.concatenate([p.strong for p in partials])
     has_strong = np.zeros(component.max(initial=-1) + 1, np.bool_)
     has_strong[component[strong]] = True
-    # Label 0 of each tile is "no edge": nothing links it, and it is never strong.
+    # Label 0 of each tile is "no edge": it is not linked to others and never strong.
     is_edge = has_strong[component]
     return [is_edge[a:b] for a, b in pairwise(starts)]
 
 
-# Automatic thresholds look at the whole image up to this size, else at a block of it in each
-# cell of a grid, for thresholds within a few percent of those of all pixels.
+# Automatic thresholds use the whole image up to this side, in pixels. Of a larger image they use
+# one block in each cell of a grid. The thresholds then differ by a few percent from those of all
+# pixels.
 _SAMPLE_SIZE = 1024
 
-
+# Cells per side of the grid; side of a block in pixels; smallest number of valid pixels to use.
 _SAMPLE_CELLS = 7
-
-
 _SAMPLE_BLOCK = 192
-
-
 _SAMPLE_PIXELS = 65_536
 
-
-# Where in its cell a block lies: a sequence that fills a square evenly (Roberts 2018, "R2"). At
-# even distances the blocks might meet the same part of a pattern again and again.
+# Position of the block in its cell: a sequence that covers a square evenly (Roberts 2018, "R2").
+# Blocks at equal distances could always hit the same part of a repeated pattern.
 _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def canny_thresholds(image: GrayImage, recipe: Recipe) -> Thresholds:
-    """Return the recipe's Canny thresholds; those it leaves open come from the image."""
+    """Return the Canny thresholds of the recipe. If one is None, compute it from the image."""
     low, high = recipe.canny_low, recipe.canny_high
     if low is None or high is None:
-        found = automatic_thresholds(_samples(image), recipe.canny_l2)
-        # A threshold given alone bounds the automatic one.
-        high = max(found.high, low or 0) if high is None else high
-        low = min(found.low, high) if low is None else low
+        automatic = automatic_thresholds(_samples(image), recipe.canny_l2)
+        # If only one threshold is given, it limits the automatic one.
+        high = max(automatic.high, low or 0) if high is None else high
+        low = min(automatic.low, high) if low is None else low
     return Thresholds(low, high, recipe.canny_l2)
 
 
 def _samples(image: GrayImage) -> list[tuple[Gray, NDArray[np.bool_]]]:
-    """Blocks of the image that hold enough valid pixels to know its gradients by."""
-    blocks, found = [], 0
+    """Return blocks of the image that together have enough valid pixels for the thresholds."""
+    blocks, valid_pixels = [], 0
     windows = _sample_windows(image.extent)
-    if len(windows) > 1:  # where data are sparse, go through the tiles until there are enough
+    if len(windows) > 1:  # if most pixels are invalid, read tiles until there are enough
         windows += [tile.core for tile in plan_tiles(image.extent)]
     for count, window in enumerate(windows):
-        if count >= _SAMPLE_CELLS**2 and found >= _SAMPLE_PIXELS:
+        if count >= _SAMPLE_CELLS**2 and valid_pixels >= _SAMPLE_PIXELS:
             break
         gray, valid = image.read(window)
-        found += int(np.count_nonzero(valid))
+        valid_pixels += int(np.count_nonzero(valid))
         blocks.append((gray, valid))
     return blocks
 

@@ -1,4 +1,4 @@
-"""Stages 2 and 3 over the tile plan: from the gray image to keypoints on its edges."""
+"""Run stages 2 and 3 on all tiles: from the gray image to keypoints on its edges."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from geomesh.raster.grid import Window
     from geomesh.recipe import Recipe
 
-# Two tiles may place one keypoint on their common border a little differently:
-# both report what lies this close outside their core, and the copies are merged.
+# Two tiles may find a keypoint on their common border at slightly different coordinates. So each
+# tile also keeps keypoints up to this distance outside its core, in pixels. Copies are merged.
 SEAM = 1 / 32
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What is known of the valid pixels of the source.
+    """The valid pixels of the source: their outline and their number.
 
     Attributes
     ----------
@@ -55,18 +55,18 @@ class Survey:
 
 @dataclass(frozen=True)
 class Detection:
-    """What stages 2 and 3 found.
+    """The result of stages 2 and 3.
 
     Attributes
     ----------
     keypoints : Keypoints
-        On edges and on valid pixels; in pixel-edge coordinates of the image that
-        was worked on.
+        Keypoints on edges and on valid pixels, in pixel-edge coordinates of the image
+        after `resize`.
     size : (int, int)
         Width and height of that image.
     survey : Survey
     thresholds : Thresholds
-        Of Canny, as used.
+        The Canny thresholds that were used.
     """
 
     keypoints: Keypoints
@@ -77,16 +77,17 @@ class Detection:
 
 @dataclass(frozen=True)
 class _TileFeatures:
-    """What one tile found.
+    """The features of one tile.
 
     Attributes
     ----------
     keypoints : Keypoints
-        In the core; near an edge, or near what may become one.
+        Keypoints in the core that are near an edge, or near a component that may be one.
     certain : bool (N,)
-        Whether a keypoint is near an edge for sure.
+        Whether the keypoint is certainly near an edge.
     open_point, open_label : intp (K,)
-        Keypoints near components that leave the tile, and those components.
+        Pairs of a keypoint and a component near it that other tiles see too. Whether this
+        component is an edge is known only after `unite`.
     edges : EdgePartial
     survey : Survey
     """
@@ -99,7 +100,7 @@ class _TileFeatures:
     survey: Survey
 
     def on_edges(self, is_edge: NDArray[np.bool_]) -> Keypoints:
-        """Return the keypoints near an edge, now that it is known which components are."""
+        """Return the keypoints near an edge. `is_edge` (K + 1,) marks the components that are."""
         kept = self.certain.copy()
         kept[self.open_point[is_edge[self.open_label]]] = True
         return self.keypoints.take(kept)
@@ -113,7 +114,7 @@ def detect_keypoints(
     Parameters
     ----------
     image : GrayImage
-        At the source's resolution; the recipe says whether to resize it.
+        At the resolution of the source. It is resized if the recipe says so.
     recipe : Recipe
     workers : Workers
     progress : callable(fraction, message)
@@ -151,7 +152,8 @@ def shrink(
 ) -> tuple[ArrayGray, Survey]:
     """Read a whole gray image by tiles and resize it to (width, height).
 
-    Takes two bytes a pixel of the source: resizing by area is not local.
+    This needs two bytes of memory per pixel of the source, because tiles cannot be resized
+    separately.
     """
     extent = image.extent
     gray = np.empty(extent.shape, np.uint8)
@@ -174,7 +176,7 @@ def shrink(
 
 
 def _read_core(task: tuple[GrayImage, Tile]) -> tuple[Gray, NDArray[np.bool_], Survey]:
-    """Return gray levels and validity of a tile's core, and its survey."""
+    """Return the gray levels and the valid pixels of a tile's core, and its survey."""
     image, tile = task
     gray, valid = image.read(tile.read)
     inner = tile.core.slices(tile.read)
@@ -193,7 +195,7 @@ def _join(surveys: Sequence[Survey]) -> Survey:
 
 @dataclass(frozen=True)
 class _DetectFeatures:
-    """Finds the features of one tile of an image."""
+    """Find the features of one tile of an image."""
 
     recipe: Recipe
     thresholds: Thresholds
@@ -216,18 +218,18 @@ class _DetectFeatures:
             if recipe.sift_source == "edges"
             else gray
         )
-        found = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
-        found = found.moved(found.xy + np.array([tile.read.col, tile.read.row]))
-        keypoints = found.take(
-            _in_core(found.xy, tile) & _usable(found.xy, valid, tile, image, recipe)
+        points = detect_sift(seen, recipe) if valid.any() else Keypoints.join([])
+        points = points.moved(points.xy + np.array([tile.read.col, tile.read.row]))
+        keypoints = points.take(
+            _in_core(points.xy, tile) & _usable(points.xy, valid, tile, image, recipe)
         )
         survey = _survey(valid, tile, image.extent)
         if recipe.edge_distance is None:
             nothing = np.empty(0, np.intp)
             certain = np.ones(len(keypoints), np.bool_)
             return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey)
-        # Of the labels around keypoints only those are kept that other tiles have a say in:
-        # memory is not to grow with the area of the disc.
+        # Keep only those labels around keypoints that depend on other tiles. Otherwise memory
+        # would grow with the area of the disc.
         labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
         leaves = np.zeros(len(partial.strong), np.bool_)
         leaves[partial.seam_labels] = True
@@ -253,12 +255,16 @@ def _usable(
     image: GrayImage,
     recipe: Recipe,
 ) -> NDArray[np.bool_]:
-    """Whether points lie on valid pixels and, where the outline gets nodes, well inside it."""
+    """Return which points are on valid pixels and not too close to the outline.
+
+    Points closer than `min_spacing` are too close, because the outline gets its own nodes. If
+    the domain is "hull", it gets none, and points may be anywhere.
+    """
     window, extent = tile.read, image.extent
     usable: NDArray[np.uint8] = valid.view(np.uint8)
     if recipe.domain != "hull":
         known = usable if recipe.domain == "valid" else np.ones_like(usable)
-        # Beyond the image nothing is valid; beyond the halo anything may be.
+        # Pixels outside of the image are invalid. Pixels outside of the halo are unknown.
         top, bottom = int(window.row == extent.row), int(window.stop_row == extent.stop_row)
         left, right = int(window.col == extent.col), int(window.stop_col == extent.stop_col)
         framed = np.pad(known, ((top, bottom), (left, right)))
@@ -269,5 +275,5 @@ def _usable(
         usable = usable & eroded[top : top + height, left : left + width]
     pixel = np.floor(points).astype(np.int64) - (window.col, window.row)
     pixel = np.clip(pixel, 0, np.array([window.width, window.height]) - 1)
-    found: NDArray[np.bool_] = usable[pixel[:, 1], pixel[:, 0]] > 0
-    return found
+    is_usable: NDArray[np.bool_] = usable[pixel[:, 1], pixel[:, 0]] > 0
+    return is_usable

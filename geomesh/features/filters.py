@@ -1,4 +1,4 @@
-"""Filters of 8-bit images: nodata filled, Sobel magnitude, size."""
+"""Filters for 8-bit images: fill nodata, Sobel magnitude, resize."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def fill_invalid(image: Gray, valid: NDArray[np.bool_]) -> Gray:
-    """Return `image` (H, W) with each invalid pixel given the value of a nearest valid one.
+    """Return `image` (H, W) where each invalid pixel has the value of a nearest valid pixel.
 
-    An edge of nodata would otherwise be the strongest edge of all.
+    Otherwise the border of the nodata area would be the strongest edge of the image.
     """
     if valid.all() or not valid.any():
         return image
@@ -37,5 +37,5 @@ def sobel_enhance(gray: Gray) -> Gray:
 
 
 def resize(image: Gray, size: tuple[int, int]) -> Gray:
-    """Return an 8-bit image resized to (width, height) by pixel area, each axis by itself."""
+    """Return an 8-bit image resized to (width, height) by pixel area, separately in x and y."""
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

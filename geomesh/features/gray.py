@@ -1,4 +1,4 @@
-"""Stage 1: from bands to the 8-bit gray image that the detectors look at."""
+"""Stage 1: convert bands to the 8-bit gray image, the input of Canny and SIFT."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from geomesh.arrays.types import Gray
     from geomesh.recipe import Recipe
 
-# ITU-R BT.601, the weights of OpenCV's RGB to gray conversion.
+# The weights of ITU-R BT.601. OpenCV's conversion from RGB to gray uses them too.
 LUMA = (0.299, 0.587, 0.114)
 
-# Rows that are made gray at a time: temporary arrays then stay in the processor's cache.
+# Rows to convert at a time. With few rows, temporary arrays stay in the processor's cache.
 _ROWS = 32
 
 
@@ -39,21 +39,22 @@ def gray_weights(
     Parameters
     ----------
     bands : (B, H, W)
-        Read only by "pca".
+        Their values are used by "pca" only.
     method : {"auto", "luma", "mean", "pca"} or "band:N"
         N is one of `numbers`.
     valid : bool (H, W), optional
-        Pixels that the principal component is fitted to; all by default.
+        Pixels that the principal component is computed from. Default: all.
     rgb : (int, int, int), optional
-        Positions of red, green and blue; needed by "luma", and what "auto" goes by.
+        Positions of red, green and blue. "luma" needs them; "auto" uses luma if they are
+        given.
     numbers : sequence of int, optional
-        What the bands are called in the file; 1, 2, ... by default.
+        Numbers of the bands in the file. Default: 1, 2, ...
 
     Returns
     -------
     float64 (B,)
-        Non-negative and adding up to 1, except for "pca": a unit vector whose
-        components add up to 0 or more, so that bright stays bright.
+        Not negative, and their sum is 1. For "pca": a unit vector whose sum is 0 or more, so
+        that bright pixels stay bright.
     """
     count = len(bands)
     if method == "auto":
@@ -84,19 +85,19 @@ def gray_weights(
 
 
 def _principal_axis(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """First principal axis of values (B, n), with a sign that keeps bright bright."""
+    """Return the first principal axis (B,) of values (B, n). Bright pixels stay bright."""
     centred = values - values.mean(axis=1, keepdims=True)
-    # Not by BLAS, whose last bits depend on its number of threads.
+    # Not with BLAS, because the last bits of its results depend on its number of threads.
     _, axes = np.linalg.eigh(np.einsum("in,jn->ij", centred, centred))
     axis: NDArray[np.float64] = axes[:, -1]
     return axis if axis.sum() >= 0 else -axis
 
 
 def to_gray(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[Any]:
-    """Return the weighted sum of bands (B, H, W): (H, W) in the bands' own units.
+    """Return the weighted sum (H, W) of bands (B, H, W), in the units of the bands.
 
-    8-bit red, green and blue give exactly OpenCV's 8-bit gray (its fixed-point
-    arithmetic); everything else is float64.
+    8-bit red, green and blue give exactly the 8-bit gray of OpenCV (its fixed-point
+    arithmetic). A single band of weight 1 keeps its type. All other results are float64.
     """
     used = np.flatnonzero(weights)
     if bands.dtype == np.uint8 and len(used) == 3 and set(weights[used]) == set(LUMA):
@@ -111,7 +112,7 @@ def to_gray(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def _weighted_sum(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Not by BLAS, whose last bits depend on its number of threads.
+    # Not with BLAS, because the last bits of its results depend on its number of threads.
     total = np.zeros(bands.shape[1:])
     with np.errstate(invalid="ignore", over="ignore"):
         for band, weight in zip(bands, weights, strict=True):
@@ -120,7 +121,7 @@ def _weighted_sum(bands: NDArray[Any], weights: NDArray[np.float64]) -> NDArray[
 
 
 def stretch_to_uint8(values: NDArray[Any], black: float, white: float) -> Gray:
-    """Return `values` scaled so that `black` becomes 0 and `white` 255, and clipped."""
+    """Return `values` scaled so that `black` becomes 0 and `white` becomes 255, and clipped."""
     if not white > black:
         return np.zeros(values.shape, np.uint8)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -131,18 +132,19 @@ def stretch_to_uint8(values: NDArray[Any], black: float, white: float) -> Gray:
 
 @dataclass(frozen=True)
 class Tone:
-    """How pixel values become gray levels: the same for every tile of a scene.
+    """How pixel values become gray levels. It is the same for every tile of a scene.
 
     Parameters
     ----------
     weights : tuple of float
-        Of each band.
+        Weight of each band.
     band_ranges : tuple of (black, white), optional
-        Each band is stretched to 8 bits before weighing.
+        Range of each band that is stretched to 8 bits before the weighted sum.
     gray_range : (black, white), optional
-        The gray image is stretched to 8 bits.
+        Range of the gray image that is stretched to 8 bits.
     display_ranges : tuple of (black, white), optional
-        Stretch for showing each band as a colour; None shows 8-bit bands as they are.
+        Range of each band that is stretched for display as a colour. None: the bands have 8
+        bits and are shown without a stretch.
     """
 
     weights: tuple[float, ...]
@@ -151,7 +153,7 @@ class Tone:
     display_ranges: tuple[tuple[float, float], ...] | None
 
     def gray(self, bands: NDArray[Any], valid: NDArray[np.bool_]) -> Gray:
-        """Return the 8-bit gray image of bands (B, H, W), nodata filled by its nearest data."""
+        """Return the 8-bit gray image of bands (B, H, W), with nodata filled from nearby data."""
         weights = np.array(self.weights)
         if self.band_ranges is not None:
             bands = _stretch_bands(bands, self.band_ranges)
@@ -192,7 +194,7 @@ def fit_tone(
     rgb: tuple[int, int, int] | None = None,
     numbers: Sequence[int] | None = None,
 ) -> Tone:
-    """Return the Tone of a scene from one decimated read of it.
+    """Return the Tone of a scene, computed from decimated pixels of the whole scene.
 
     Parameters
     ----------
@@ -200,7 +202,7 @@ def fit_tone(
     valid : bool (H, W)
         At least one pixel.
     recipe : Recipe
-        Its gray, stretch and stretch_gray are followed.
+        Its gray, stretch and stretch_gray are used.
     rgb, numbers : optional
         As in `gray_weights`.
     """
@@ -211,7 +213,7 @@ def fit_tone(
     band_ranges = None if recipe.stretch_gray else ranges
     seen = values if band_ranges is None else _stretch_bands(values, band_ranges)
     weights = gray_weights(seen[:, None], recipe.gray, rgb=rgb, numbers=numbers)
-    # Weights of one sign that add up to 1 keep 8-bit bands within 8 bits.
+    # If no weight is negative and their sum is 1, the sum of 8-bit bands fits into 8 bits.
     fits = bool((weights >= 0).all() and abs(weights.sum() - 1) < 1e-9)
     gray_range = None
     if recipe.stretch_gray or not fits:
@@ -222,6 +224,6 @@ def fit_tone(
 
 def _percentiles(values: NDArray[Any], percentiles: tuple[float, float]) -> tuple[float, float]:
     black, white = np.percentile(values.astype(np.float64), percentiles)
-    if black == white:  # mostly one value, a mask perhaps: stretch what there is
+    if black == white:  # most pixels have one value, as in a mask: use the whole range
         black, white = float(values.min()), float(values.max())
     return float(black), float(white)

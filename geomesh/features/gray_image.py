@@ -1,4 +1,4 @@
-"""The 8-bit image that the detectors look at, read window by window."""
+"""The 8-bit gray image, the input of Canny and SIFT, read window by window."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 
 class GrayImage(Protocol):
-    """An 8-bit image that can be read by windows."""
+    """An 8-bit image that can be read in windows."""
 
     @property
     def extent(self) -> Window:
         """The window of all pixels."""
 
     def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
+        """Return the gray levels (h, w) and the valid pixels (h, w) of a window."""
 
     def excerpt(self, window: Window) -> GrayImage:
-        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        """Return an image for a worker that reads only `window`. An array is cut to it."""
 
 
 @dataclass(frozen=True)
 class SceneGray:
-    """The scene's gray image, made window by window."""
+    """The gray image of a scene, computed window by window."""
 
     scene: Scene
     tone: Tone
@@ -45,28 +45,28 @@ class SceneGray:
         return self.scene.grid.extent
 
     def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
+        """Return the gray levels (h, w) and the valid pixels (h, w) of a window."""
         bands, valid = self.scene.read(window)
         gray = self.tone.gray(bands, valid)
         return (sobel_enhance(gray) if self.sobel else gray), valid
 
     def excerpt(self, window: Window) -> SceneGray:
-        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        """Return an image for a worker that reads only `window`. An array is cut to it."""
         return replace(self, scene=self.scene.excerpt(window))
 
 
 @dataclass(frozen=True)
 class ArrayGray:
-    """A part of a gray image in memory.
+    """A gray image, or a part of one, in memory.
 
     Parameters
     ----------
     gray : uint8 (h, w)
     valid : bool (h, w)
     extent : Window
-        Of the whole image.
+        The window of the whole image.
     held : Window
-        What `gray` and `valid` cover.
+        The window of `gray` and `valid`.
     """
 
     gray: Gray
@@ -76,15 +76,15 @@ class ArrayGray:
 
     @classmethod
     def whole(cls, gray: Gray, valid: NDArray[np.bool_]) -> ArrayGray:
-        """Return the image of which `gray` and `valid` (h, w) are all."""
+        """Return the image with the gray levels `gray` and the valid pixels `valid` (h, w)."""
         extent = Window(0, 0, gray.shape[1], gray.shape[0])
         return cls(gray, valid, extent, extent)
 
     def read(self, window: Window) -> tuple[Gray, NDArray[np.bool_]]:
-        """Return gray levels and validity (h, w) of a window."""
+        """Return the gray levels (h, w) and the valid pixels (h, w) of a window."""
         part = window.slices(self.held)
         return self.gray[part], self.valid[part]
 
     def excerpt(self, window: Window) -> ArrayGray:
-        """Return the image as it is to be sent to whoever reads `window` of it, and no more."""
+        """Return an image for a worker that reads only `window`, cut to it."""
         return ArrayGray(*self.read(window), self.extent, window)

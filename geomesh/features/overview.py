@@ -1,4 +1,4 @@
-"""A scene at a glance: decimated to about a thousand pixels a side, for what is to be global."""
+"""Overview of a scene: its pixels, decimated to at most 1024 per side, for global statistics."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 _SIZE = 1024
 
-# Pixels a side that are decimated in one read: as much as keeps a few workers busy, and
-# few reads where the file has overviews of its own.
+# Side of the block that one read decimates, in pixels. It gives enough tasks for a few workers,
+# and few reads if the file has overviews.
 _BLOCK = 2048
 
 
 def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
-    """Return bands (B, h, w) and validity (h, w) of every n-th pixel of a scene.
+    """Return the bands (B, h, w) and the valid pixels (h, w) of every n-th pixel of a scene.
 
-    n is the least step for which neither side exceeds 1024 pixels. Where the steps meet
-    no valid pixel, the first tile that holds one is taken instead.
+    n is the smallest step for which no side is longer than 1024 pixels. If none of these
+    pixels is valid, return the first tile that contains a valid pixel.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
     """
     extent = scene.grid.extent
     step = -(-max(extent.width, extent.height) // _SIZE)
-    # Whole steps only, so that every block is decimated to the same lattice.
+    # Use whole steps only, so that all blocks are decimated to one common lattice.
     shown = Window(0, 0, _whole(extent.width, step), _whole(extent.height, step))
     tiles = plan_tiles(shown, core=step * max(_BLOCK // step, 1), halo=0)
     shape = _steps(shown.height, step), _steps(shown.width, step)
@@ -69,7 +69,7 @@ def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
 
 @dataclass(frozen=True)
 class _Decimate:
-    """Reads one pixel of every `step` x `step`."""
+    """Read one pixel of each block of `step` x `step` pixels."""
 
     step: int
 
@@ -80,7 +80,7 @@ class _Decimate:
 
 
 def _whole(size: int, step: int) -> int:
-    """Return the pixels that whole steps cover; a side shorter than one step counts as one."""
+    """Return the largest multiple of `step` up to `size`; or `size`, if it is less than `step`."""
     return size // step * step or size
 
 

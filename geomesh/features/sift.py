@@ -1,4 +1,4 @@
-"""Stage 3: SIFT keypoints, and the choice of those that become nodes."""
+"""Stage 3: find SIFT keypoints, and choose those that become nodes."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Keypoints:
     xy : float64 (N, 2)
         Pixel-edge coordinates.
     scale : float32 (N,)
-        Diameter of the neighbourhood that the keypoint describes, in pixels.
+        Diameter of the neighbourhood of the keypoint, in pixels.
     angle : float32 (N,)
         Orientation in degrees, clockwise from the x axis as seen in the image.
     response : float32 (N,)
-        Contrast of the extremum; the larger, the stronger.
+        Contrast of the extremum. A larger value is a stronger keypoint.
     octave : int8 (N,)
         -1 is the doubled image, 0 the native one.
     """
@@ -58,7 +58,7 @@ class Keypoints:
         return Keypoints(*(column[index] for column in self.__dict__.values()))
 
     def moved(self, xy: NDArray[np.float64]) -> Keypoints:
-        """Return the keypoints at other coordinates."""
+        """Return the keypoints with the coordinates replaced by `xy`."""
         return Keypoints(xy, self.scale, self.angle, self.response, self.octave)
 
     @classmethod
@@ -72,48 +72,47 @@ _NO_COLUMNS = [np.zeros((0, 2)), *(np.zeros(0, np.float32) for _ in range(3)), n
 
 
 def detect_sift(image: Gray, recipe: Recipe) -> Keypoints:
-    """Return the SIFT keypoints of an 8-bit image (H, W), one for each place.
+    """Return the SIFT keypoints of an 8-bit image (H, W), one for each position.
 
-    OpenCV emits a keypoint for every orientation: of those at one place the
-    strongest stays (then the larger scale, then the smaller angle). They come in
-    order of y, then x.
+    OpenCV returns one keypoint for each orientation. Of those at one position, the strongest
+    is kept (then the larger scale, then the smaller angle). They are sorted by y, then x.
     """
     sift = cv2.SIFT_create(  # type: ignore[attr-defined]
         nOctaveLayers=recipe.sift_octave_layers,
         contrastThreshold=recipe.sift_contrast_threshold,
         edgeThreshold=recipe.sift_edge_threshold,
         sigma=recipe.sift_sigma,
-        # Without it every keypoint is off by a quarter of a pixel.
+        # Without this, every keypoint is wrong by a quarter of a pixel.
         enable_precise_upscale=True,
     )
-    # OpenCV doubles whatever it gets: half the image is then looked at as it is.
+    # OpenCV always doubles its input. If that is not wanted, halve the image first.
     pixel = 1 if recipe.sift_upsample else 2
-    found = sift.detect(np.ascontiguousarray(image if pixel == 1 else _halve(image)), None)
-    # Attribute by attribute: a row for each keypoint would hold up the other threads.
-    points = np.asarray(cv2.KeyPoint.convert(found), np.float64).reshape(-1, 2)
+    detected = sift.detect(np.ascontiguousarray(image if pixel == 1 else _halve(image)), None)
+    # Copy one attribute at a time. A Python loop over keypoints would block the other threads.
+    points = np.asarray(cv2.KeyPoint.convert(detected), np.float64).reshape(-1, 2)
     size, angle, response = (
-        np.fromiter(map(attrgetter(name), found), np.float32, len(found))
+        np.fromiter(map(attrgetter(name), detected), np.float32, len(detected))
         for name in ("size", "angle", "response")
     )
-    packed = np.fromiter(map(attrgetter("octave"), found), np.int64, len(found))
+    packed = np.fromiter(map(attrgetter("octave"), detected), np.int64, len(detected))
     # OpenCV packs octave, layer and offset into one int; the octave is its signed low byte.
     octave = (packed & 0xFF).astype(np.uint8).view(np.int8)
     octave += np.int8(pixel - 1)
     if recipe.sift_max_octave is None:
-        kept = np.arange(len(found))
+        kept = np.arange(len(detected))
     else:
         kept = np.flatnonzero(octave <= recipe.sift_max_octave)
     x, y = points[kept].T
     kept = kept[np.lexsort((angle[kept], -size[kept], -response[kept], x, y))]
     kept = kept[np.diff(points[kept], axis=0, prepend=np.nan).any(axis=1)]
-    # OpenCV's origin is the centre of the first pixel, ours its corner.
+    # The origin of OpenCV is the centre of the first pixel; the origin here is its corner.
     xy = (points[kept] + 0.5) * pixel
     scale = size[kept] * np.float32(pixel)
     return Keypoints(xy, scale, angle[kept], response[kept], octave[kept])
 
 
 def _halve(image: Gray) -> Gray:
-    """Return the means of 2 x 2 pixels; an odd row or column is doubled first."""
+    """Return the means of 2 x 2 pixels. The last row or column of an odd number is doubled."""
     height, width = image.shape
     even = np.pad(image, ((0, height % 2), (0, width % 2)), mode="edge")
     size = (even.shape[1] // 2, even.shape[0] // 2)
@@ -123,21 +122,21 @@ def _halve(image: Gray) -> Gray:
 def labels_around(
     points: NDArray[np.float64], labels: NDArray[np.int32], window: Window, distance: float
 ) -> NDArray[np.int32]:
-    """Return the edge labels within `distance` pixels of the pixel that each point lies in.
+    """Return the edge labels within `distance` of the pixel of each point.
 
     Parameters
     ----------
     points : float64 (N, 2)
         Pixel-edge coordinates of the image.
     labels : int32 (h, w)
-        Edge components over `window`; 0 is none.
+        Edge components in `window`; 0 is no edge.
     distance : float
-        Between pixel centres.
+        Distance between pixel centres, in pixels.
 
     Returns
     -------
     int32 (N, K)
-        One column for each pixel of the disc; 0 where there is no edge.
+        One column for each pixel of the disc; 0 is no edge.
     """
     reach = int(distance)
     dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -147,14 +146,14 @@ def labels_around(
     rows = pixel[:, 1:] - window.row + dy[disc]
     inside = (cols >= 0) & (cols < window.width) & (rows >= 0) & (rows < window.height)
     height, width = labels.shape
-    found = labels[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
-    return np.where(inside, found, 0).astype(np.int32)
+    around = labels[np.clip(rows, 0, height - 1), np.clip(cols, 0, width - 1)]
+    return np.where(inside, around, 0).astype(np.int32)
 
 
 def by_strength(keypoints: Keypoints) -> Keypoints:
-    """Return the keypoints strongest first; ties break by scale, then by y, then by x.
+    """Return the keypoints sorted from the strongest; then by scale, y, x and angle.
 
-    The order does not depend on how the keypoints came: it decides every choice.
+    The result does not depend on the input order, so every choice of nodes is reproducible.
     """
     x, y = keypoints.xy.T
     order = np.lexsort((keypoints.angle, x, y, -keypoints.scale, -keypoints.response))
@@ -162,7 +161,10 @@ def by_strength(keypoints: Keypoints) -> Keypoints:
 
 
 def thin(keypoints: Keypoints, spacing: float) -> Keypoints:
-    """Return the keypoints, strongest first, less those closer than `spacing` to a stronger one."""
+    """Return the keypoints, strongest first, without those closer than `spacing` to a stronger.
+
+    `spacing` is in pixels. Only keypoints that are kept count.
+    """
     ranked = by_strength(keypoints)
     if spacing <= 0 or len(ranked) == 0:
         return ranked
@@ -170,9 +172,9 @@ def thin(keypoints: Keypoints, spacing: float) -> Keypoints:
 
 
 def _chosen(xy: NDArray[np.float64], spacing: float) -> Mask:
-    """Tell which points are kept if each, in the order given, keeps closer ones out.
+    """Return which points are kept. Each kept point excludes later points closer than `spacing`.
 
-    A hashed lattice of square cells finds the neighbours.
+    A hash table of square cells finds the neighbours.
     """
     cells = ((xy - xy.min(axis=0)) / spacing).astype(np.int64) + 1
     columns = int(cells[:, 0].max()) + 2
@@ -204,7 +206,7 @@ def _thin(
     link: Ids,
     keep: Mask,
 ) -> None:
-    """Set `keep`; `head` and `link` list the points kept so far by the slot of their cell."""
+    """Set `keep`. `head` and `link` are linked lists of kept points, one for each hash slot."""
     last = len(head) - 1
     for i in range(len(xy)):
         free = True
@@ -223,20 +225,20 @@ def _thin(
 
 
 def spread_evenly(ranked: Keypoints, budget: int, area: float) -> NDArray[np.intp]:
-    """Return the order in which to take keypoints so that any first part is spread evenly.
+    """Return an order of the keypoints in which the first ones are always spread evenly.
 
-    The image is cut into a fixed lattice of square cells, about four nodes of the
-    budget each: first the strongest of every cell, then the second of every cell,
-    and so on; within a round the stronger come first.
+    The image is divided into square cells, each for about four nodes of the budget. First
+    comes the strongest keypoint of every cell, then the second of every cell, and so on.
+    Within a round, stronger keypoints come first.
 
     Parameters
     ----------
     ranked : Keypoints
         Strongest first.
     budget : int
-        Number of nodes wanted.
+        Number of nodes.
     area : float
-        Square pixels that they are to be spread over.
+        Area to spread them over, in square pixels.
 
     Returns
     -------
@@ -245,9 +247,9 @@ def spread_evenly(ranked: Keypoints, budget: int, area: float) -> NDArray[np.int
     side = max(np.sqrt(4 * area / budget), 1.0)
     cell = np.floor(ranked.xy / side).astype(np.int64)
     key = (cell[:, 1] << 32) + cell[:, 0]
-    grouped = np.argsort(key, kind="stable")  # strength stays the order within a cell
+    grouped = np.argsort(key, kind="stable")  # within a cell, the strongest stays first
     starts = np.flatnonzero(np.diff(key[grouped], prepend=key[grouped[:1]] - 1))
     sizes = np.diff(np.append(starts, len(key)))
-    turn = np.empty(len(key), np.int64)
-    turn[grouped] = np.arange(len(key)) - np.repeat(starts, sizes)
-    return np.argsort(turn, kind="stable")
+    rank = np.empty(len(key), np.int64)  # of each keypoint in its cell
+    rank[grouped] = np.arange(len(key)) - np.repeat(starts, sizes)
+    return np.argsort(rank, kind="stable")

@@ -11,7 +11,6 @@ import sqlite3
 from contextlib import closing
 from types import MappingProxyType
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import escape
 
 from geomesh.formats.format import PENDING, Format, Joining, LayerFile, WriteRows
 from geomesh.formats.gdal import read_document_by_gdal, write_by_gdal
@@ -74,6 +73,8 @@ def _finish(
     sqlite3.Error
         If the disk is full.
     """
+    from xml.sax.saxutils import escape  # imports urllib, which would slow down every --help
+
     # No other program uses this temporary file, so it needs no journal; it is flushed later.
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("PRAGMA journal_mode = OFF")

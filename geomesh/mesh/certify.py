@@ -39,6 +39,7 @@ def certify(
     counter_clockwise: bool,
     domain: DomainFacts,
     pixels: PixelCounts | None = None,
+    edges: Edges | None = None,
 ) -> Certificate:
     """Check a triangulation and return its certificate.
 
@@ -55,8 +56,9 @@ def certify(
         Whether triangles should be counter-clockwise in (x, y) pixel coordinates.
     domain : DomainFacts
     pixels : PixelCounts, optional
-        The numbers of pixels that the band statistics counted; None for a mesh that was
-        made without a raster.
+        Pixels that the band statistics counted; None for a mesh made without a raster.
+    edges : Edges, optional
+        The edges of the triangles, if they have been computed already.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:
@@ -64,7 +66,8 @@ def certify(
             (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
         )
     nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
-    edges, plane = build_edges(triangles), nodes * plane_scale
+    edges = build_edges(triangles) if edges is None else edges
+    plane = nodes * plane_scale
     used = np.zeros(len(nodes), np.bool_)
     used[triangles] = True
     areas = signed_areas(nodes, triangles) * (1 if counter_clockwise else -1)

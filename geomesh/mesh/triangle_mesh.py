@@ -153,6 +153,7 @@ class TriangleMesh:
             counter_clockwise=not self.grid.flips,
             domain=self.domain,
             pixels=pixels,
+            edges=self.edges if self.triangles.min(initial=0) >= 0 else None,
         )
 
     def attributes(self, layer: LayerName) -> Table:

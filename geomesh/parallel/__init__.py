@@ -1,1 +1,1 @@
-"""Work on tiles: the tile plan, the workers that share it, and its progress."""
+"""Parallel work: the tile plan, the workers that process the tiles, and progress."""

@@ -1,4 +1,4 @@
-"""Work beside the main thread that nobody has to wait for when the rest fails."""
+"""Run a function in a background thread that does not delay the exit after an error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ Result = TypeVar("Result")
 
 
 def in_background(function: Callable[[], Result]) -> Future[Result]:
-    """Call a function in a thread of its own, which does not keep the process alive."""
+    """Call a function in a new daemon thread, and return its future.
+
+    A daemon thread does not keep the process alive.
+    """
     future: Future[Result] = Future()
 
     def run() -> None:

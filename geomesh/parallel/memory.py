@@ -1,4 +1,4 @@
-"""How this process gets its memory from the system, where that is the GNU C library."""
+"""Settings of the memory allocator of the GNU C library. Other systems are left unchanged."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import ctypes
 import platform
 from contextlib import suppress
 
-# Parameters of mallopt, of the GNU C library.
+# Parameters of mallopt in the GNU C library.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
 
 def keep_freed_memory() -> None:
-    """Let what was freed be used again, instead of being returned and asked for anew.
+    """Keep freed memory in the process, to use it again for the next tile.
 
-    Every tile takes and frees the same hundreds of megabytes. By default the C library
-    hands most of them back, and the system clears them again: on a scene of 36 megapixels
-    that was half a million to two million page faults and up to a quarter of the time.
-    One arena for all threads, so that what one of them freed the others can use. For the
-    process of a command only: in a program of others that is not ours to decide.
+    Every tile allocates and frees several hundred megabytes. By default the C library returns
+    most of it to the system, which clears it at the next allocation. For a scene of 36
+    megapixels that caused 0.5 to 2 million page faults and took up to a quarter of the time.
+    All threads use one arena, so that a thread can use memory that another thread freed.
+    Call this only in the process of a command: in other programs it would change their memory
+    use too.
     """
     library = _gnu_library()
     if library is not None:
@@ -27,7 +28,7 @@ def keep_freed_memory() -> None:
 
 
 def trim_memory() -> None:
-    """Return to the system what is free now, after the work that needs the most."""
+    """Return free memory to the system. Called after the step that needs the most memory."""
     library = _gnu_library()
     if library is not None:
         library.malloc_trim(0)

@@ -1,7 +1,7 @@
-"""Processes that wait for work, for what threads of one process cannot do side by side.
+"""A pool of processes, for work that the threads of one process cannot do at the same time.
 
-A process is a Python program that reads its work from standard input and answers on standard
-output. It ends by itself when its input does, so none outlives the one that started it.
+Each process is a Python program that reads its tasks from standard input and writes answers to
+standard output. It exits when its standard input is closed, so it ends with its parent.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from typing import IO, TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-# Seconds for a process to clean up after it was asked to end.
+# Seconds that a process has to clean up after `terminate`.
 _GRACE = 3.0
 
 
-# Where geomesh is, wherever that was imported from.
+# The folder that geomesh was imported from.
 _PACKAGES = str(Path(__file__).parents[2])
 
 
 class Process:
-    """One process.
+    """One process of the pool.
 
     Parameters
     ----------
     module : str
-        Whose `main` it runs.
+        Name of a module. The process calls its function `main`.
     quiet : bool
-        Whether its standard error is thrown away.
+        Discard the standard error of the process.
     """
 
     def __init__(self, module: str, *, quiet: bool) -> None:
         code = f"import sys; sys.path.append({_PACKAGES!r}); from {module} import main; main()"
-        # -P: modules in the user's working folder do not belong to geomesh.
+        # -P: do not import modules from the user's working folder.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", code],
             stdin=subprocess.PIPE,
@@ -47,31 +47,31 @@ class Process:
 
     @property
     def pid(self) -> int:
-        """Its process number."""
+        """Process id."""
         return self._process.pid
 
     @property
     def requests(self) -> IO[bytes]:
-        """What it reads."""
+        """The standard input of the process."""
         assert self._process.stdin is not None
         return self._process.stdin
 
     @property
     def answers(self) -> IO[bytes]:
-        """What it writes."""
+        """The standard output of the process."""
         assert self._process.stdout is not None
         return self._process.stdout
 
     def wait(self) -> int:
-        """Return its exit code, once it has ended."""
+        """Wait until the process ends, and return its exit code."""
         return self._process.wait()
 
     def kill(self) -> None:
-        """Stop it in whatever it does; another thread may be waiting for it."""
+        """Stop the process at once. Another thread may be waiting for its answer."""
         self._process.kill()
 
     def terminate(self) -> None:
-        """Let it clean up and end; stop it if that takes too long."""
+        """Ask the process to clean up and exit. Kill it if that takes too long."""
         self._process.terminate()
         try:
             self._process.wait(_GRACE)
@@ -80,23 +80,23 @@ class Process:
             self._process.wait()
 
     def end(self) -> None:
-        """Let it end by itself, once it waits for more work."""
+        """Close its standard input, so that it exits after its current task; then wait for it."""
         send(self.requests.close)
         self.wait()
         self.answers.close()
 
 
 class ProcessPool:
-    """Processes that run the same program, to be used as a context.
+    """Processes that run the same program. Use it as a context manager.
 
     Parameters
     ----------
     module : str
-        Whose `main` they run.
+        Name of a module. The processes call its function `main`.
     count : int
-        How many to start in advance.
+        Number of processes that `warm` starts.
     quiet : bool
-        Whether their standard error is thrown away.
+        Discard the standard error of the processes.
     """
 
     def __init__(self, module: str, count: int, *, quiet: bool = False) -> None:
@@ -119,14 +119,14 @@ class ProcessPool:
                 idle.end()
 
     def warm(self) -> None:
-        """Start the processes now; they are needed soon."""
+        """Start the processes now, before they are needed."""
         with self._lock:
             while len(self._idle) + len(self._busy) < self.count:
                 self._idle.append(self._start())
 
     @contextmanager
     def borrow(self) -> Iterator[Process]:
-        """Yield a process that nobody else uses; after an error in the block it is stopped."""
+        """Yield a process that no other thread uses. An error in the block kills it."""
         with self._lock:
             process = self._idle.pop(0) if self._idle else self._start()
             self._busy.add(process)
@@ -143,7 +143,7 @@ class ProcessPool:
                 self._busy.discard(process)
 
     def stop(self, how: Callable[[Process], Any]) -> list[int]:
-        """Stop the processes that still work, and return their numbers."""
+        """Call `how` (a method of Process) for each busy process, and return their ids."""
         with self._lock:
             busy = list(self._busy)
         for process in busy:
@@ -155,7 +155,10 @@ class ProcessPool:
 
 
 def send(action: Callable[..., Any], *arguments: Any) -> bool:
-    """Return whether the process still listened; if not, its answer or its end tells why."""
+    """Call `action`, which writes to a process. Return False if the process has closed its input.
+
+    The answer or the exit code of the process then gives the reason.
+    """
     try:
         action(*arguments)
     except OSError:

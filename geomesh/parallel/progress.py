@@ -1,20 +1,20 @@
-"""Progress of long work: who is told, and a bar on standard error for people."""
+"""Progress of long work: callbacks, and a progress bar on standard error."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-# Gets the fraction that is done (0..1) and a message; raises to cancel.
+# A callback. It gets the completed fraction (0..1) and a message. It can raise to cancel.
 Progress = Callable[[float, str], None]
 
 
 def silent(fraction: float, message: str) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 def part_of(progress: Progress, start: float, stop: float) -> Progress:
-    """Return a callable that reports 0..1 as `start`..`stop` to `progress`."""
+    """Return a callback that maps 0..1 to `start`..`stop` and calls `progress`."""
 
     def report(fraction: float, message: str) -> None:
         progress(start + fraction * (stop - start), message)
@@ -24,7 +24,7 @@ def part_of(progress: Progress, start: float, stop: float) -> Progress:
 
 @contextmanager
 def reporting(progress: bool | Progress) -> Iterator[Progress]:
-    """Yield the callable to report to: the caller's own, a bar (True), or nothing (False)."""
+    """Yield the callback: the caller's own, a progress bar (True), or one that does nothing."""
     if callable(progress):
         yield progress
     elif progress:

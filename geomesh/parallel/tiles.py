@@ -1,8 +1,8 @@
-"""The tile plan: which pixels are read together, whatever the number of workers.
+"""The tile plan: how an image is divided into tiles, for any number of workers.
 
-The plan depends on the image alone. A tile answers for the pixels of its core
-and reads a halo around it, so that what it finds in the core does not depend on
-where the tiles lie.
+The plan depends on the image only. A tile gives the results for the pixels of its core. It
+also reads a halo around the core, so that the results do not depend on the position of the
+tiles.
 """
 
 from __future__ import annotations
@@ -27,14 +27,17 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A block of the image: `core` is what it answers for, `read` what it looks at."""
+    """A block of the image. It gives the results for `core`; `read` is the core with its halo."""
 
     core: Window
     read: Window
 
 
 def plan_tiles(extent: Window, *, core: int = CORE, halo: int = HALO) -> list[Tile]:
-    """Return the tiles that cover `extent` once with their cores, row by row."""
+    """Return tiles, row by row, whose cores cover each pixel of `extent` once.
+
+    `core` is the side of a core and `halo` the width of the halo, in pixels.
+    """
     tiles = []
     for row in range(extent.row, extent.stop_row, core):
         for col in range(extent.col, extent.stop_col, core):
@@ -52,10 +55,10 @@ def map_tiles(
     progress: Progress,
     message: str,
 ) -> Iterator[Result]:
-    """Yield ``function(task)`` for each of `total` tasks, in their order, reporting as it goes.
+    """Yield ``function(task)`` for each of `total` tasks, in their order, and report progress.
 
-    There is a task for each tile; its place in the plan, not the worker that did it or when,
-    decides where its result comes.
+    There is one task for each tile. The order of the results is the order of the plan: it does
+    not depend on which worker finishes first.
     """
     progress(0.0, f"{message}: {total} tiles")
     for done, result in enumerate(workers.map(function, tasks), start=1):

@@ -1,7 +1,7 @@
-"""Who does the work: threads of this process, or any executor, a Dask cluster's among them.
+"""The workers: threads of this process, or any executor, such as that of a Dask cluster.
 
-Threads are the default: the heavy steps (GDAL, OpenCV, compiled loops) run without the
-interpreter's lock, so two threads gain what two processes do, and nothing is copied.
+Threads are the default. The slow steps (GDAL, OpenCV, compiled loops) run without the
+interpreter lock, so threads are as fast as processes, and no data is copied.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# So many tasks a worker are under way: one that it does, and one so that it never waits.
-_AHEAD = 2
+# Pending tasks per worker: one that it works on, and one more so that it never waits.
+_PENDING_PER_WORKER = 2
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Those who work on the tiles of a scene.
+    """The executors that process the tiles of a scene.
 
     Parameters
     ----------
     tiles : Executor
-        Does what can be done anywhere: its tasks and their results can be pickled.
+        For tasks that can run in any process. Tasks and results can be pickled.
     size : int
-        How many tasks it does at a time.
+        Number of tasks that `tiles` runs at the same time.
     local : Executor
-        Threads of this process, for what has to stay here, such as writing the file.
+        Threads of this process, for tasks that must stay here, such as writing a file.
     """
 
     tiles: Executor
@@ -48,13 +48,13 @@ class Workers:
 
     @property
     def shares_memory(self) -> bool:
-        """Whether tasks see the objects of this process, not copies of them."""
+        """Whether tasks use the objects of this process, not copies of them."""
         return isinstance(self.tiles, ThreadPoolExecutor)
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
         """Yield ``function(task)`` for each task, in their order.
 
-        Only a few tasks are under way at a time, so neither they nor their results pile up.
+        Only a few tasks are submitted at a time, so that tasks and results need little memory.
 
         Raises
         ------
@@ -62,70 +62,70 @@ class Workers:
             If a worker was lost.
         """
         options = settings()
-        under_way: deque[Future[Result]] = deque()
+        pending: deque[Future[Result]] = deque()
         try:
             for task in tasks:
-                if len(under_way) >= _AHEAD * self.size:
-                    yield under_way.popleft().result()
-                errand = _RemoteCall(function, task, options, self.shares_memory)
-                under_way.append(self.tiles.submit(errand))
-            while under_way:
-                yield under_way.popleft().result()
+                if len(pending) >= _PENDING_PER_WORKER * self.size:
+                    yield pending.popleft().result()
+                call = _RemoteCall(function, task, options, self.shares_memory)
+                pending.append(self.tiles.submit(call))
+            while pending:
+                yield pending.popleft().result()
         except (BrokenExecutor, CancelledError) as error:
             raise _lost(error) from error
         except Exception as error:
-            # Of what a cluster says of itself; what a task raised comes as it was.
+            # Convert errors of the Dask cluster itself. Errors of a task are raised unchanged.
             if type(error).__module__.partition(".")[0] == "distributed":
                 raise _lost(error) from error
             raise
         finally:
-            for future in under_way:
+            for future in pending:
                 future.cancel()
 
 
 @contextmanager
 def open_workers(workers: int | None = None, executor: Executor | None = None) -> Iterator[Workers]:
-    """Yield the workers: threads, one a core by default, or those of an executor.
+    """Yield the workers: threads (by default one per core), or those of an executor.
 
     Parameters
     ----------
     workers : int, optional
-        How many work at a time.
+        Number of tasks that run at the same time.
     executor : concurrent.futures.Executor, optional
-        Takes the place of the threads; it stays open.
+        Used instead of threads. It is not shut down.
 
     Raises
     ------
     WorkerError
-        If `workers` is no positive number.
+        If `workers` is not a positive whole number.
     """
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         raise WorkerError(f"workers is {workers!r}: expected a whole number, 1 or more")
-    # The standard executors know their size; of others nothing can be asked.
+    # The executors of the standard library have this attribute; others may not.
     size = workers or getattr(executor, "_max_workers", None) or available_cores()
     threads = size if executor is None else available_cores()
     local = ThreadPoolExecutor(threads, thread_name_prefix="geomesh")
     done = False
     try:
-        with _process_kept:
+        with _process_settings:
             yield Workers(executor or local, size, local)
         done = True
     finally:
-        # After an error nobody waits for what is still running: it is not needed.
+        # After an error, do not wait for tasks that still run: their results are not needed.
         local.shutdown(wait=done, cancel_futures=True)
 
 
-class _ProcessKept:
-    """Keeps OpenCV to one thread for as long as any `Workers` of this process are open.
+class _ProcessSettings:
+    """Keep OpenCV at one thread while any `Workers` of this process are open.
 
-    The cores are for the tiles; and with another number of threads SIFT finds a few other
-    keypoints, so that none may set it free while others are at work. At the end of the
-    last one GDAL's cache, which `settings` changes, has its size again, too.
+    The tiles already use all cores. With another number of threads, SIFT finds slightly
+    different keypoints. So the number is restored only when the last `Workers` are closed.
+    Then the size of GDAL's cache, which `settings` changes, is restored too.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._crews = 0
+        self._open_count = 0
         self._threads = 0
         self._cache: Any = None
 
@@ -133,27 +133,27 @@ class _ProcessKept:
         import cv2
 
         with self._lock:
-            if self._crews == 0:
+            if self._open_count == 0:
                 self._threads, self._cache = cv2.getNumThreads(), cache_size()
                 cv2.setNumThreads(1)
-            self._crews += 1
+            self._open_count += 1
 
     def __exit__(self, *_: object) -> None:
         import cv2
 
         with self._lock:
-            self._crews -= 1
-            if self._crews == 0:
+            self._open_count -= 1
+            if self._open_count == 0:
                 cv2.setNumThreads(self._threads)
                 set_cache_size(self._cache)
 
 
-_process_kept = _ProcessKept()
+_process_settings = _ProcessSettings()
 
 
 @dataclass(frozen=True, repr=False)
 class _RemoteCall(Generic[Task, Result]):
-    """A task to be done elsewhere, under the caller's settings."""
+    """A task for a worker, run with the GDAL settings of the caller."""
 
     function: Callable[[Task], Result]
     task: Task
@@ -164,30 +164,30 @@ class _RemoteCall(Generic[Task, Result]):
         import cv2
         from rasterio.env import Env, setenv
 
-        cv2.setNumThreads(1)  # elsewhere no `Workers` are open
+        cv2.setNumThreads(1)  # in another process, _ProcessSettings is not active
         with Env():
-            # Not as arguments of Env, which refuses credentials among them.
+            # Not as arguments of Env, because Env does not accept credentials.
             setenv(**self.gdal_options)
             try:
                 return self.function(self.task)
             except GeomeshError as error:
                 if not self.shares_memory:
-                    # Of GDAL's errors no copy can be made, and so none of what they caused.
+                    # Errors of GDAL cannot be pickled, so remove them from this one.
                     error.__cause__ = error.__context__ = None
                 raise
 
     @property
     def __name__(self) -> str:
-        """What Dask shows; else it would be all that is in here, credentials too."""
+        """Name that Dask shows. Without it Dask would show all fields, even credentials."""
         return type(self.function).__name__.strip("_")
 
     def __dask_tokenize__(self) -> str:
-        """Keep Dask from hashing pixels to see whether it had done the same before."""
+        """Return a unique token. Without it Dask would hash the pixels to detect equal tasks."""
         return uuid4().hex
 
 
 def _lost(error: BaseException) -> WorkerError:
     return WorkerError(
-        f"a worker was lost ({one_line(error)}), perhaps for want of memory: a tile takes "
+        f"a worker was lost ({one_line(error)}), perhaps because memory ran out: a tile needs "
         "about 400 MB; use fewer workers, or give them more memory"
     )

@@ -88,11 +88,13 @@ def mesh_opened(
     ) as writer:
 
         def begin(shaped: TriangleMesh) -> None:
-            trim_memory()  # detection needed more memory than the next steps
+            if is_large:
+                trim_memory()  # detection needed more memory than the next steps
             writer.begin(shaped)
 
         mesh = mesh_scene(scene, job.recipe, workers, part_of(progress, 0, 0.8), shaped=begin)
-        trim_memory()  # all pixels are read: GDAL's cache is no longer needed
+        if is_large:
+            trim_memory()  # all pixels are read: GDAL's cache is no longer needed
         writer.finish(mesh, part_of(progress, 0.8, 1))
     warnings = mesh.provenance.warnings if mesh.provenance is not None else ()
     return MeshSummary(len(mesh.nodes), len(mesh.triangles), warnings)

@@ -1,4 +1,4 @@
-"""Rasters: any source as a Scene that is read by windows, on a Grid."""
+"""Rasters: open any source as a Scene, which is read in windows and lies on a Grid."""
 
 import lazy_loader
 

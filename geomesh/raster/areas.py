@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def signed_areas(points: Points, triangles: NDArray[np.integer]) -> Floats:
-    """Signed planar areas of triangles (T, 3) of points (N, 2); positive if counter-clockwise."""
+    """Return signed planar areas (T,) of triangles (T, 3); positive if counter-clockwise.
+
+    `points` (N, 2) are the coordinates of the corners.
+    """
     areas = np.empty(len(triangles))
     for block in blocks(len(triangles)):
         (ax, ay), (bx, by), (cx, cy) = np.moveaxis(points[triangles[block]], 0, -1)
@@ -27,8 +30,11 @@ def signed_areas(points: Points, triangles: NDArray[np.integer]) -> Floats:
 def ellipsoidal_areas(
     points: Points, triangles: NDArray[np.integer], semi_major: float, semi_minor: float
 ) -> NDArray[np.float64]:
-    """Areas in m2 of triangles (T, 3) of points (N, 2) in radians of longitude and latitude."""
-    # A side of 180 degrees or more would be taken the shorter way around: cut it.
+    """Return the areas of triangles (T, 3) on an ellipsoid, in square metres.
+
+    `points` (N, 2) are longitude and latitude in radians. The axes are in metres.
+    """
+    # A side of 180 degrees or more would be measured the other way round the globe: cut it.
     longitude = points[:, 0]
     sides = (longitude[triangles[:, k]] - longitude[triangles[:, k - 1]] for k in range(3))
     longest = max(float(np.abs(side).max(initial=0)) for side in sides)
@@ -42,12 +48,11 @@ def ellipsoidal_areas(
 def _block_areas(
     corners: NDArray[np.float64], semi_major: float, semi_minor: float, pieces: int
 ) -> NDArray[np.float64]:
-    """Areas of triangles (T, 3, 2), each side cut into `pieces`.
+    """Return the areas of triangles (T, 3, 2), with each side cut into `pieces`.
 
-    Latitudes become authalic ones (Snyder 1987, eq. 3-11 to 3-13), which maps the
-    ellipsoid onto a sphere of equal area; there the area between a great-circle
-    arc and the equator has a closed form (Karney 2013, section 6), and the three
-    sides add up.
+    Authalic latitudes (Snyder 1987, eq. 3-11 to 3-13) map the ellipsoid onto a sphere of
+    equal area. On the sphere, the area between a great-circle arc and the equator has a
+    closed form (Karney 2013, section 6). The area of a triangle is the sum for its sides.
     """
     side = np.roll(corners, -1, axis=1) - corners
     shares = np.arange(pieces)[:, None] / pieces
@@ -70,7 +75,7 @@ def _block_areas(
 
 
 def _authalic_q(sine: NDArray[np.float64], e: float) -> NDArray[np.float64]:
-    """Snyder's q of the sine of the latitude, for eccentricity `e` > 0."""
+    """Return Snyder's q for the sine of the latitude and the eccentricity `e` > 0."""
     es = e * sine
     q: NDArray[np.float64] = (1 - e**2) * (sine / (1 - es**2) + np.arctanh(es) / e)
     return q

@@ -1,4 +1,4 @@
-"""Which bands of a raster are data, and which are alpha or a palette."""
+"""Choose the bands of a raster; detect an alpha band and a palette."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Band:
-    """A band as the pipeline sees it.
+    """A band of a scene.
 
     Parameters
     ----------
     index : int
-        1-based number in the file.
+        Number of the band in the file; the first is 1.
     description : str or None
-        The file's own description.
+        Description in the file.
     color : {"red", "green", "blue"} or None
-        What the file says the band shows.
+        Colour interpretation in the file.
     """
 
     index: int
@@ -38,14 +38,14 @@ class Band:
 
 
 def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
-    """Return the positions of "red", "green" and "blue", if each is there."""
+    """Return the positions of "red", "green" and "blue", or None if one is missing."""
     if {"red", "green", "blue"} <= set(colors):
         return colors.index("red"), colors.index("green"), colors.index("blue")
     return None
 
 
 def described_color(band: Band) -> str | None:
-    """Return the colour that a band's description names, as in "B4 red"."""
+    """Return the colour in the description of a band, as in "B4 red", or None."""
     words = re.findall("[a-z]+", (band.description or "").lower())
     return next((word for word in words if word in ("red", "green", "blue")), None)
 
@@ -53,14 +53,14 @@ def described_color(band: Band) -> str | None:
 def dataset_bands(
     name: str, dataset: rasterio.DatasetReader, bidx: Sequence[int] | None
 ) -> tuple[tuple[Band, ...], np.dtype[Any]]:
-    """Return the chosen bands of a dataset, by default all but alpha, and their common type.
+    """Return the chosen bands of a dataset and their common data type.
 
-    A palette becomes its three colours.
+    Default: all bands except alpha. A palette becomes three bands of colours.
 
     Raises
     ------
     BandError
-        If a band does not exist, is no data or not real.
+        If a band does not exist, is the alpha band, is chosen twice or is not real.
     """
     indexes = _choose(name, bidx, dataset.count, alpha_index(dataset))
     dtype = np.result_type(*(np.dtype(dataset.dtypes[index - 1]) for index in indexes))
@@ -80,7 +80,7 @@ def array_bands(
     descriptions: Sequence[str | None],
     bidx: Sequence[int] | None,
 ) -> tuple[Band, ...]:
-    """Return the chosen bands of an array that has one for each description."""
+    """Return the chosen bands of an array that has one band for each description."""
     _require_real(name, dtype)
     chosen = _choose(name, bidx, len(descriptions), None)
     return tuple(Band(index, descriptions[index - 1], None) for index in chosen)
@@ -90,36 +90,38 @@ def _choose(name: str, bidx: Sequence[int] | None, count: int, alpha: int | None
     if bidx is None:
         return [i for i in range(1, count + 1) if i != alpha] or [1]
     if not bidx:
-        raise BandError(f"no band chosen; {name} has bands 1 to {count}")
+        raise BandError(f"no band is chosen: choose from bands 1 to {count} of {name}")
     for index in bidx:
         if not 1 <= index <= count:
             raise BandError(f"band {index} does not exist: {name} has bands 1 to {count}")
         if index == alpha:
             raise BandError(
-                f"band {index} of {name} is its alpha band: a mask, not data; leave it out"
+                f"band {index} of {name} is its alpha band, a mask and not data: leave it out"
             )
     if len(set(bidx)) < len(bidx):
-        raise BandError(f"bands {','.join(map(str, bidx))} of {name}: each band once, please")
+        raise BandError(
+            f"bands {','.join(map(str, bidx))} of {name} repeat a band: give each band once"
+        )
     return list(bidx)
 
 
 def _require_real(name: str, dtype: np.dtype[Any]) -> None:
     if dtype.kind not in "uif":
-        way = "take the magnitude or one part" if dtype.kind == "c" else "convert them"
+        step = "take the magnitude or one part" if dtype.kind == "c" else "convert them"
         raise BandError(
-            f"{name} has values of type {dtype}: only real numbers can be meshed; {way} first"
+            f"{name} has values of type {dtype}: only real numbers can be meshed; {step} first"
         )
 
 
 def alpha_index(dataset: rasterio.DatasetReader) -> int | None:
-    """Return the 1-based number of the alpha band beside others, or None."""
+    """Return the 1-based number of the alpha band, or None. A single band is never alpha."""
     if dataset.count > 1 and ColorInterp.alpha in dataset.colorinterp:
         return int(dataset.colorinterp.index(ColorInterp.alpha)) + 1
     return None
 
 
 def palette(dataset: rasterio.DatasetReader) -> NDArray[np.uint8] | None:
-    """Return the colour table of a one-band palette raster as (n, 4) RGBA, else None."""
+    """Return the colour table (n, 4) as RGBA of a palette raster of one band, else None."""
     if dataset.count != 1 or dataset.colorinterp[0] != ColorInterp.palette:
         return None
     entries = dataset.colormap(1)

@@ -1,4 +1,4 @@
-"""The part of a scene to work on: a box on the map, or an area of interest."""
+"""Crop a scene to a box on the map or to an area of interest."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ if TYPE_CHECKING:
 
     from geomesh.raster.scene import Scene
 
-# A pixel border that a box meets up to rounding is the box's own border.
+# A side of a box this close to a pixel border (in pixels) lies on it: rounding adds no pixel.
 _SNAP = 1e-6
 
-# A picture shows a larger scene by its middle, at full resolution: details are the point.
+# A picture shows only the middle of a larger scene, at full resolution, so that details are
+# visible. Both in pixels: the limit, and the size of the middle.
 LARGEST_SIDE = 2048
 SHOWN_SIDE = 1024
 
-# What a GeoPackage calls the CRS of a layer without one.
+# Start of the CRS name that a GeoPackage gives to a layer without a CRS.
 _UNDEFINED = "Undefined"
 
 
@@ -36,17 +37,17 @@ def restrict(
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
 ) -> Scene:
-    """Return the scene cropped to `bounds` and `mask`: see `geomesh.raster.open.open_scene`."""
+    """Return the scene cropped to `bounds` and `mask`; see `geomesh.raster.open.open_scene`."""
     area: BaseGeometry | None = None
     window = scene.grid.extent
     if bounds is not None:
         if len(bounds) != 4:
-            raise GeoreferenceError(f"bounds {bounds!r}: expected west, south, east, north")
+            raise GeoreferenceError(f"bounds is {bounds!r}: expected west, south, east, north")
         west, south, east, north = bounds
         if not (-math.inf < west < east < math.inf and -math.inf < south < north < math.inf):
             raise GeoreferenceError(
-                f"bounds {west:.10g} {south:.10g} {east:.10g} {north:.10g}: expected west < east "
-                "and south < north, in the raster's CRS"
+                f"bounds are {west:.10g} {south:.10g} {east:.10g} {north:.10g}: expected "
+                "west < east and south < north, in the raster's CRS"
             )
         box = shapely.box(west, south, east, north)
         window = _around(scene, box, window, "`bounds`")
@@ -56,7 +57,9 @@ def restrict(
         window = _around(scene, polygons, window, "`mask`")
         area = polygons if area is None else shapely.intersection(area, polygons)
         if area.is_empty:
-            raise EmptyError(f"`bounds` and `mask` have nothing in common on {scene.name}")
+            raise EmptyError(
+                f"`bounds` and `mask` do not overlap on {scene.name}; change one of them"
+            )
     if area is not None:
         corner = np.array([scene.window.col, scene.window.row])
         area = shapely.transform(area, lambda xy: snap(scene.grid.to_pixel(xy) + corner))
@@ -64,18 +67,18 @@ def restrict(
 
 
 def _around(scene: Scene, area: BaseGeometry, window: Window, parameter: str) -> Window:
-    """Return the least part of `window` that holds `area`."""
+    """Return the smallest part of `window` that contains `area`."""
     corners = scene.grid.to_pixel(shapely.get_coordinates(area))
     (left, top), (right, bottom) = corners.min(axis=0) + _SNAP, corners.max(axis=0) - _SNAP
     col, row = math.floor(left), math.floor(top)
-    found = Window(col, row, math.ceil(right) - col, math.ceil(bottom) - row).clip(window)
-    if found.width < 1 or found.height < 1:
+    cropped = Window(col, row, math.ceil(right) - col, math.ceil(bottom) - row).clip(window)
+    if cropped.width < 1 or cropped.height < 1:
         edges = " ".join(f"{value:.10g}" for value in scene.grid.bounds())
         raise EmptyError(
             f"{parameter} lies outside {scene.name}, whose bounds are {edges} in "
             f"{scene.grid.crs.to_string() if scene.grid.crs else 'pixels'}"
         )
-    return found
+    return cropped
 
 
 def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
@@ -84,40 +87,40 @@ def _polygons(mask: Any, scene: Scene) -> BaseGeometry:
     shapes = _shapes(mask, name)
     shapes = shapes[shapes.geom_type.isin(["Polygon", "MultiPolygon"]) & ~shapes.is_empty]
     if shapes.empty:
-        raise SourceError(f"{name} holds no polygon; give polygons of the area to keep")
+        raise SourceError(f"{name} contains no polygon; give polygons of the area to keep")
     grid: Grid = scene.grid
     if shapes.crs is not None and shapes.crs.name.startswith(_UNDEFINED):
         shapes = shapes.set_crs(None, allow_override=True)
     if shapes.crs is not None and grid.crs is None:
         raise GeoreferenceError(
             f"{name} is in {shapes.crs.to_string()} but {scene.name} has no CRS; "
-            "georeference the raster, or give a mask without CRS in its coordinates"
+            "georeference the raster, or give a mask without a CRS in the raster's coordinates"
         )
     if shapes.crs is not None:
         try:
             shapes = shapes.to_crs(grid.crs)
         except ProjError as error:
             raise GeoreferenceError(
-                f"{name} is in the CRS {shapes.crs.name!r}, from which there is no way to that of "
-                f"{scene.name}; reproject it first"
+                f"{name} is in the CRS {shapes.crs.name!r}, which cannot be transformed to the "
+                f"CRS of {scene.name}; reproject the mask first"
             ) from error
     if not np.isfinite(shapes.total_bounds).all():
         raise GeoreferenceError(
-            f"{name} does not lie where coordinates can be transformed to the CRS of "
-            f"{scene.name}; check the CRS of the mask"
+            f"{name} has coordinates that cannot be transformed to the CRS of {scene.name}; "
+            "check the CRS of the mask"
         )
     return shapes.make_valid().union_all()
 
 
 def _shapes(mask: Any, name: str) -> gpd.GeoSeries:
-    # A quarter of a second, with pandas: only masks need them.
+    # Imported here because it takes 0.25 seconds (with pandas) and only masks need it.
     import geopandas as gpd
     import pyogrio
     from pyogrio.errors import DataSourceError
 
     if isinstance(mask, str | PathLike):
         try:
-            # Not as a data frame: pyogrio may have been loaded without geopandas.
+            # Not read_dataframe: pyogrio may have been imported before geopandas, without it.
             about, _, shapes, _ = pyogrio.raw.read(mask, columns=[])
         except DataSourceError as error:
             raise SourceError(

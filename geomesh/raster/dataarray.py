@@ -1,4 +1,4 @@
-"""A raster in memory as rasterio would tell of it: an array, or an xarray.DataArray."""
+"""A raster in memory, with the attributes of a rasterio dataset: an array or a DataArray."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from xarray import DataArray, Variable
 
-# What the third dimension may be called: by rioxarray, by Dataset.to_dataarray(), by openEO.
+# Names of the third dimension: from rioxarray, from Dataset.to_dataarray() and from openEO.
 _BAND_DIMENSIONS = ("band", "variable", "bands")
 
-# TileMesh of a pixel by which coordinates may differ from evenly spaced ones.
+# Largest difference between coordinates and evenly spaced ones, in pixels.
 _TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayRaster:
-    """Pixels in memory and where they lie, with rasterio's names.
+    """Pixels in memory and their georeference. Attributes have the names of rasterio.
 
     Parameters
     ----------
     name : str
-        What messages and metadata call it.
+        Name in messages and metadata.
     array : (B, H, W)
-        A numpy array, perhaps masked, or the `Pixels` of a DataArray.
+        A numpy array, which may be masked, or the `Pixels` of a DataArray.
     transform : Affine
     crs : rasterio.crs.CRS, optional
     gcps : (list of rasterio.control.GroundControlPoint, rasterio.crs.CRS or None)
@@ -65,12 +65,12 @@ class ArrayRaster:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """What a DataArray holds, as (B, H, W), read or computed when numpy asks for it.
+    """The values of a DataArray as (B, H, W). They are read or computed when numpy needs them.
 
     Parameters
     ----------
     variable : xarray.Variable (H, W) or (B, H, W)
-        May be a file's or Dask's: only the part that is cut out is ever computed.
+        Its data may be in a file or in Dask: only the part that is sliced is computed.
     """
 
     variable: Variable
@@ -95,7 +95,7 @@ class Pixels:
 
 
 def check_shape(name: str, shape: tuple[int, ...]) -> None:
-    """Refuse an array that cannot hold a raster.
+    """Raise an error if an array of this shape is not a raster.
 
     Raises
     ------
@@ -103,13 +103,13 @@ def check_shape(name: str, shape: tuple[int, ...]) -> None:
     """
     if len(shape) not in (2, 3) or 0 in shape:
         raise SourceError(
-            f"{name} of shape {shape} is no raster: expected (rows, columns) or "
-            "(bands, rows, columns), none of them 0"
+            f"{name} of shape {shape} is not a raster: expected (rows, columns) or "
+            "(bands, rows, columns), all greater than 0"
         )
 
 
 def is_xarray(source: Any) -> TypeGuard[DataArray]:
-    """Tell whether a source is a DataArray, or a Dataset; nothing is imported to tell."""
+    """Return whether a source is a DataArray or a Dataset, without importing xarray."""
     xarray = sys.modules.get("xarray")
     return xarray is not None and isinstance(source, xarray.DataArray | xarray.Dataset)
 
@@ -117,30 +117,30 @@ def is_xarray(source: Any) -> TypeGuard[DataArray]:
 def read_dataarray(
     source: DataArray, name: str | None = None, *, with_crs: bool = True
 ) -> ArrayRaster:
-    """Return a DataArray as a raster; no pixel is read yet.
+    """Return a DataArray as a raster. No pixel is read yet.
 
     Parameters
     ----------
     source : xarray.DataArray
-        Of two spatial dimensions and perhaps one of bands, in any order.
+        With two spatial dimensions and at most one of bands, in any order.
     name : str, optional
-        The DataArray's own by default.
+        Default: the name of the DataArray.
     with_crs : bool
-        Whether its own CRS is wanted.
+        Whether to read its CRS.
 
     Raises
     ------
     MissingExtraError
-        If rioxarray is not installed, which knows where the CRS and the rest are kept.
+        If rioxarray is not installed. It reads the CRS, transform and nodata value.
     SourceError
-        If it is a Dataset, if there is another dimension, or no spatial one.
+        If it is a Dataset, has another dimension, or lacks a spatial one.
     GeoreferenceError
         If the coordinates are not those of a raster.
     """
     if not hasattr(source, "variable"):
         raise SourceError(
-            "a Dataset is many rasters: choose a variable, as in ds['red'], or stack those of one "
-            "grid as bands with .to_dataarray()"
+            "a Dataset contains several rasters: choose a variable, as in ds['red'], or stack the "
+            "variables of one grid as bands with .to_dataarray()"
         )
     with extra_required("rioxarray, which reads a DataArray's georeference,", "xarray"):
         import rioxarray  # noqa: F401
@@ -149,9 +149,9 @@ def read_dataarray(
     try:
         y, x = source.rio.y_dim, source.rio.x_dim
     except MissingSpatialDimensionError as error:
-        told = ", ".join(map(str, source.dims)) or "none"
+        names = ", ".join(map(str, source.dims)) or "none"
         raise SourceError(
-            f"{name} has no dimensions x and y but {told}: name them, as in "
+            f"{name} has no dimensions x and y (its dimensions: {names}); rename them, as in "
             ".rename(lon='x', lat='y')"
         ) from error
     others = [dimension for dimension in source.dims if dimension not in (y, x)]
@@ -159,8 +159,8 @@ def read_dataarray(
     if unknown or len(others) > 1:
         first = (unknown or others)[0]
         raise SourceError(
-            f"{name} has a dimension {first} of {source.sizes[first]}: choose one with "
-            f".isel({first}=0)"
+            f"{name} has another dimension, {first}, of size {source.sizes[first]}: choose one "
+            f"index with .isel({first}=0)"
             + (f", or .rename({first}='band') if they are bands" if len(others) == 1 else "")
         )
     check_shape(name, source.shape)
@@ -181,7 +181,7 @@ def _crs(name: str, source: DataArray) -> Any:
         return source.rio.crs
     except Exception as error:
         raise GeoreferenceError(
-            f"{name}: its CRS is not understood ({one_line(error)}); give another, crs='EPSG:32722'"
+            f"{name} has an invalid CRS ({one_line(error)}); give another, crs='EPSG:32722'"
         ) from error
 
 
@@ -189,79 +189,80 @@ def _nodata(name: str, source: DataArray) -> float | None:
     try:
         nodata = source.rio.nodata
     except OverflowError:
-        return None  # no pixel of this type can have the value
+        return None  # the data type cannot represent the value, so no pixel has it
     except (TypeError, ValueError) as error:
         raise SourceError(
-            f"{name}: its nodata value is not understood ({one_line(error)}); set it with "
+            f"{name} has an invalid nodata value ({one_line(error)}); set it with "
             ".rio.write_nodata()"
         ) from error
-    # What is NaN is never valid; a masked array holds its own nodata value no more.
+    # NaN is never valid, and rioxarray's masking replaces the nodata value with NaN.
     return None if nodata is None or np.isnan(nodata) else float(nodata)
 
 
 def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
-    """Return what each band is called: its label, or the file's name for the band of its number.
+    """Return the name of each band: its label, or its description in the file.
 
-    rioxarray numbers the bands of a file from 1 and keeps the names of all of them, so
-    that the names of those that were chosen can be told.
+    rioxarray numbers the bands of a file from 1 and keeps all descriptions. So the number
+    of a band gives its description, even after some bands were selected.
     """
     count = 1 if dimension is None else source.sizes[dimension]
     coordinate = source.coords.get("band" if dimension is None else dimension)
     labels = np.arange(1, count + 1) if coordinate is None else np.atleast_1d(coordinate.values)
     if labels.dtype.kind in "UO":
         return tuple(map(str, labels))
-    told = source.attrs.get("long_name", ())
-    names = (told,) * (count == 1) if isinstance(told, str) else tuple(told)
+    stored = source.attrs.get("long_name", ())
+    names = (stored,) * (count == 1) if isinstance(stored, str) else tuple(stored)
     if labels.dtype.kind not in "iu" or labels.min() < 1 or labels.max() > len(names):
         return (None,) * count
     return tuple(names[label - 1] for label in labels)
 
 
 def _transform(name: str, source: DataArray, x: Any, y: Any) -> Affine:
-    """Return the transform that puts the centres of pixels where the coordinates say.
+    """Return the transform that maps pixel centres to the coordinates.
 
-    That is the stored one, which is exact, unless a part was cut out since; then it
-    follows from the coordinates. Without coordinates nothing tells of a cut.
+    This is the stored transform, which is exact, if it agrees with the coordinates. If a part
+    was cut out, the transform is computed from the coordinates. Without coordinates a cut
+    cannot be detected.
     """
     stored = _stored(source)
     if x in source.coords and y in source.coords:
         xs, ys = source.coords[x].values[None, :], source.coords[y].values[:, None]
-    elif "xc" in source.coords and "yc" in source.coords:  # rioxarray's, of a turned grid
+    elif "xc" in source.coords and "yc" in source.coords:  # from rioxarray, for a rotated grid
         xs, ys = (source.coords[each].transpose(y, x).values for each in ("xc", "yc"))
     else:
         return stored or IDENTITY
     for axis, values in ((x, xs), (y, ys)):
         if values.dtype.kind not in "iuf":
             raise GeoreferenceError(
-                f"{name} has coordinates {axis} of type {values.dtype}: give numbers, in units of "
+                f"{name} has {axis} coordinates of type {values.dtype}: give numbers in units of "
                 "its CRS"
             )
     if stored is not None and not any(_misfits(stored, xs, ys)):
         return stored
     if 1 in (source.sizes[x], source.sizes[y]):
         raise GeoreferenceError(
-            f"{name} is only one pixel {'wide' if source.sizes[x] == 1 else 'high'}, so that its "
-            "coordinates do not tell how large a pixel is: set it with .rio.write_transform()"
+            f"{name} is only one pixel {'wide' if source.sizes[x] == 1 else 'high'}, so its "
+            "coordinates do not give the pixel size: set it with .rio.write_transform()"
         )
     fitted = _fit(xs, ys)
     for axis, misfit in zip((x, y), _misfits(fitted, xs, ys), strict=True):
         if misfit:
             raise GeoreferenceError(
-                f"{name} has coordinates {axis} that are not evenly spaced, by up to {misfit:.2g} "
-                "pixels: bring it onto a regular grid first, with .interp() or .rio.reproject()"
+                f"{name} has {axis} coordinates that are not evenly spaced, by up to {misfit:.2g} "
+                "pixels: resample it to a regular grid with .interp() or .rio.reproject()"
             )
     return fitted
 
 
 def _stored(source: DataArray) -> Affine | None:
-    """Return the transform that rioxarray keeps, in GDAL's order, with the CRS."""
+    """Return the transform that rioxarray stores with the CRS, in GDAL's order, or None."""
     keeper = source.coords.get(source.rio.grid_mapping)
     numbers = [] if keeper is None else str(keeper.attrs.get("GeoTransform", "")).split()
     return Affine.from_gdal(*map(float, numbers)) if len(numbers) == 6 else None
 
 
 def _fit(xs: NDArray[Any], ys: NDArray[Any]) -> Affine:
-    """Return the transform of coordinates, as `_misfits` has them, if they are evenly spaced."""
+    """Return the transform of evenly spaced coordinates; `xs` and `ys` as in `_misfits`."""
     (x, a, b), (y, d, e) = (
         (float(values[0, 0]), _step(values[0, :]), _step(values[:, 0])) for values in (xs, ys)
     )
@@ -273,7 +274,9 @@ def _step(values: NDArray[Any]) -> float:
 
 
 def _misfits(transform: Affine, xs: NDArray[Any], ys: NDArray[Any]) -> list[float]:
-    """Return how far coordinates in x and y are from the transform's, in pixels; 0 if they agree.
+    """Return how far the x and y coordinates are from those of the transform, in pixels.
+
+    The result is 0 if they agree up to rounding.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""GDAL's shared state in one place: open datasets, the cache of blocks, settings to carry along."""
+"""Shared state of GDAL: open datasets, the block cache, and settings to pass to workers."""
 
 from __future__ import annotations
 
@@ -19,46 +19,47 @@ from geomesh.errors import SourceError, one_line
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# GDAL's cache of decoded blocks is to hold a scene of some forty megapixels, or of a larger
-# one what the next row of tiles reads again; not the share of the machine's memory that it
-# would take by default.
+# GDAL's cache of decoded blocks has room for a scene of about forty megapixels. Of a larger
+# scene it keeps the blocks that the next row of tiles reads again. GDAL's default, a
+# percentage of the memory of the machine, would be too large.
 _CACHE = "GDAL_CACHEMAX"
 CACHE_BYTES = 256_000_000
 
-# One handle on a local file streams so many cores: see Handles.lend.
+# One handle on a local file is enough for this many cores; see Handles.borrow.
 _CORES_A_HANDLE = 8
 
-# A process that reads one scene after another keeps the handles of the last few.
+# A process that reads many scenes keeps the handles of this many openings.
 _MOST_READINGS = 4
 
 _lock = threading.Lock()
 
 
 def settings() -> dict[str, Any]:
-    """Return the settings of the rasterio.Env around the call, which other threads do not see."""
-    given = dict(getenv()) if hasenv() else {}
-    return given if _CACHE in given or _CACHE in os.environ else {**given, _CACHE: CACHE_BYTES}
+    """Return the settings of the current rasterio.Env. Other threads do not see that Env."""
+    options = dict(getenv()) if hasenv() else {}
+    is_set = _CACHE in options or _CACHE in os.environ
+    return options if is_set else {**options, _CACHE: CACHE_BYTES}
 
 
 def cache_size() -> Any:
-    """Return the size of GDAL's cache, which is the whole process's, not one Env's."""
+    """Return the size of GDAL's cache. It belongs to the whole process, not to one Env."""
     return get_gdal_config(_CACHE)
 
 
 def set_cache_size(size: Any) -> None:
-    """Set it to what `cache_size` returned."""
+    """Set the size of GDAL's cache to a value from `cache_size`."""
     set_gdal_config(_CACHE, size)
 
 
 class Handles:
-    """The handles on one raster in this process.
+    """A pool of open handles on one raster, in this process.
 
     Parameters
     ----------
     name : str
         Path or URL.
     size : (int, int)
-        Width and height that the raster is known to have.
+        Expected width and height. A raster of another size was changed.
     """
 
     def __init__(self, name: str, size: tuple[int, int]) -> None:
@@ -67,18 +68,18 @@ class Handles:
         self._free: list[rasterio.DatasetReader] = []
         self._closed = False
         readers = max((os.cpu_count() or 1) // _CORES_A_HANDLE, 1)
-        self._turns = None if is_remote(name) else threading.Semaphore(readers)
+        self._access = None if is_remote(name) else threading.Semaphore(readers)
 
     @contextmanager
-    def lend(self, *, shared: bool) -> Iterator[rasterio.DatasetReader]:
-        """Yield a handle that no other thread uses meanwhile.
+    def borrow(self, *, shared: bool) -> Iterator[rasterio.DatasetReader]:
+        """Yield a handle that no other thread uses at the same time.
 
-        A handle keeps the blocks that it decoded. So windows whose blocks others need too
-        (`shared`) are read through one handle, in turns: decoding is quick, and with a handle
-        each, every thread would decode what its neighbours decode. A remote file is waited
-        for, not decoded: there each thread has its own.
+        Each handle has its own decoded blocks. So windows whose blocks other threads need too
+        (`shared`) are read through one handle, one thread at a time. Decoding is fast, and with
+        one handle per thread, every thread would decode the same blocks again. For a remote
+        file the time is spent on waiting, so each thread has its own handle.
         """
-        with self._turns if self._turns is not None and shared else nullcontext():
+        with self._access if self._access is not None and shared else nullcontext():
             handle = self._take() or self._open()
             try:
                 yield handle
@@ -89,7 +90,7 @@ class Handles:
                     self.close()
 
     def close(self) -> None:
-        """Close the handles; one that is in use, as soon as it is given back."""
+        """Close the handles. A handle in use is closed when it is returned."""
         self._closed = True
         while (handle := self._take()) is not None:
             handle.close()
@@ -103,31 +104,31 @@ class Handles:
             handle = open_raster(self._name)
         except SourceError as error:
             raise SourceError(
-                f"{error}; it was there when the work began, and each worker needs it in that place"
+                f"{error}; it existed when the work began, and each worker needs it at that path"
             ) from error
         if (handle.width, handle.height) != self._size:
-            found = f"{handle.width} x {handle.height}"
+            size = f"{handle.width} x {handle.height}"
             handle.close()
             raise SourceError(
                 f"{self._name} changed while it was read: it had {self._size[0]} x {self._size[1]} "
-                f"pixels and has {found}; start again when it is complete"
+                f"pixels and now has {size}; start again when the file is complete"
             )
         return handle
 
 
 class BorrowedDataset:
-    """A dataset that the caller opened, and may close as soon as it is given back.
+    """A dataset that the caller opened. Only one thread reads it at a time.
 
-    It is one handle, whatever threads want it. A task that nobody waits for any more may
-    still want to read: after the end it is refused.
+    The caller may close it when the last `used` block ends. A cancelled task can still try to
+    read after that; it then gets an error.
 
     Parameters
     ----------
     dataset : open rasterio dataset
     """
 
-    # One for all: a dataset may be lent to several meshes.
-    _turns = threading.Lock()
+    # One lock for all instances, because two scenes can use the same dataset.
+    _access = threading.Lock()
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
@@ -135,23 +136,23 @@ class BorrowedDataset:
         self._ended = False
 
     @contextmanager
-    def lend(self) -> Iterator[Any]:
-        """Yield the dataset, which nobody else uses meanwhile."""
-        with self._turns:
+    def borrow(self) -> Iterator[Any]:
+        """Yield the dataset. No other thread uses it at the same time."""
+        with self._access:
             if self._ended:
-                raise SourceError(f"{self._dataset.name} was given back to its owner")
+                raise SourceError(f"{self._dataset.name} cannot be read: its mesh is finished")
             yield self._dataset
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        """Give the dataset back at the end of the outermost such block."""
-        with self._turns:
+        """Allow `borrow` within the block. Blocks may be nested; after the last it is refused."""
+        with self._access:
             self._users += 1
             self._ended = False
         try:
             yield
         finally:
-            with self._turns:
+            with self._access:
                 self._users -= 1
                 self._ended = self._users == 0
 
@@ -160,37 +161,38 @@ _readings: dict[str, Handles] = {}
 
 
 def handles(reading: str, name: str, size: tuple[int, int]) -> Handles:
-    """Return this process's handles for one reading of a raster.
+    """Return this process's handles for one opening of a raster.
 
     Parameters
     ----------
     reading : str
-        Tells one reading from the next, before which the file may be replaced.
+        Unique id of the opening. A later opening has another id, because the file may have
+        been replaced.
     name, size
         As in `Handles`.
     """
     with _lock:
-        found = _readings.get(reading)
-        if found is None:
-            found = _readings[reading] = Handles(name, size)
+        pool = _readings.get(reading)
+        if pool is None:
+            pool = _readings[reading] = Handles(name, size)
         oldest = next(iter(_readings)) if len(_readings) > _MOST_READINGS else None
     if oldest is not None:
         close_handles(oldest)
-    return found
+    return pool
 
 
 def close_handles(reading: str) -> None:
-    """Close this process's handles for one reading, if it has any."""
+    """Close this process's handles for one opening of a raster, if there are any."""
     with _lock:
-        found = _readings.pop(reading, None)
-    if found is not None:
-        found.close()
+        pool = _readings.pop(reading, None)
+    if pool is not None:
+        pool.close()
 
 
 def open_raster(name: str) -> rasterio.DatasetReader:
-    """Open a raster by path or URL; raise SourceError in one line if that fails."""
+    """Open a raster by path or URL. Raise SourceError with one line if that fails."""
     try:
-        with _lock, warnings.catch_warnings():  # filters belong to the process
+        with _lock, warnings.catch_warnings():  # warning filters are shared by all threads
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             return rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:
@@ -204,5 +206,5 @@ def open_raster(name: str) -> rasterio.DatasetReader:
 
 
 def is_remote(name: str) -> bool:
-    """Tell whether a name is no path: a URL, or one for a driver, such as GPKG:file.gpkg:table."""
+    """Return whether a name is a URL or a driver's name (GPKG:file.gpkg:table), not a path."""
     return re.match(r"/vsi|[A-Za-z0-9_+.-]{2,}:", name) is not None

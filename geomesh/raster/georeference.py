@@ -1,4 +1,4 @@
-"""Where a raster lies on the map: transform, ground control points or nothing."""
+"""The georeference of a raster: from its transform, its ground control points, or none."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
     from geomesh.raster.dataarray import ArrayRaster
 
-_NO_CRS = "{} has no CRS: the mesh has none either"
+_NO_CRS = "{} has no CRS, so the mesh has no CRS either"
 
 
 def georeference(
     name: str, dataset: rasterio.DatasetReader | ArrayRaster, given: CRS | None = None
 ) -> tuple[Grid, tuple[str, ...]]:
-    """Return the grid of a dataset, and what the user should know about it.
+    """Return the grid of a dataset, and notes about it for the user.
 
     Parameters
     ----------
     name : str
-        What messages call the dataset.
+        Name of the dataset in messages.
     dataset : rasterio.DatasetReader or ArrayRaster
     given : pyproj.CRS, optional
-        Takes the place of the file's own.
+        Used instead of the dataset's own CRS.
     """
     gcps, gcp_crs = dataset.gcps
     crs = given or _crs(name, dataset.crs)
@@ -48,16 +48,20 @@ def georeference(
         residual = float(np.sqrt((offsets**2).sum(axis=1).mean()))
         pixel = math.sqrt(abs(fitted.transform.determinant))
         return fitted, (
-            f"{name} is placed by {len(gcps)} ground control points: an affine transform was "
-            f"fitted, residual {residual:.4g} map units RMS ({residual / pixel:.2g} pixels)",
+            f"{name} has {len(gcps)} ground control points: an affine transform was fitted to "
+            f"them, residual {residual:.4g} map units RMS ({residual / pixel:.2g} pixels)",
         )
     if gcps:
-        why = f"has {len(gcps)} ground control points, too few or on a line: give three or more"
+        reason = (
+            f"has {len(gcps)} ground control points, too few or on one line: give three or more"
+        )
     elif dataset.rpcs is not None:
-        why = "has rational polynomial coefficients (RPC) only: orthorectify it for map coordinates"
+        reason = (
+            "has rational polynomial coefficients (RPC) only: orthorectify it for map coordinates"
+        )
     else:
-        why = "has no georeference"
-    notes = (f"{name} {why}; the mesh is in pixel coordinates, without a CRS",)
+        reason = "has no georeference"
+    notes = (f"{name} {reason}; the mesh is in pixel coordinates, without a CRS",)
     return _grid(name, dataset, IDENTITY, None), notes
 
 
@@ -71,7 +75,7 @@ def _grid(
 
 
 def _spread(points: NDArray[np.float64]) -> bool:
-    """Tell whether points (n, 2) span a plane: only then do they fix an affine transform."""
+    """Return whether points (n, 2) are not on one line, so that they fix an affine transform."""
     if len(points) < 3:
         return False
     centred = points - points.mean(axis=0)
@@ -79,7 +83,7 @@ def _spread(points: NDArray[np.float64]) -> bool:
 
 
 def _crs(name: str, crs: Any) -> CRS | None:
-    """Return rasterio's CRS as pyproj's, by authority code where there is one."""
+    """Convert a CRS of rasterio to pyproj, by its authority code if it has one."""
     if not crs:
         return None
     try:
@@ -87,5 +91,5 @@ def _crs(name: str, crs: Any) -> CRS | None:
         return CRS.from_authority(*authority) if authority else CRS.from_wkt(crs.to_wkt())
     except Exception as error:
         raise GeoreferenceError(
-            f"{name}: PROJ does not understand its CRS ({one_line(error)}); give another with `crs`"
+            f"{name} has a CRS that PROJ cannot read ({one_line(error)}); give another with `crs`"
         ) from error

@@ -1,4 +1,4 @@
-"""Grid: the lattice that a raster's pixels sit on, and its way to the map and back."""
+"""Window: a block of pixels. Grid: the lattice of a raster's pixels, and its map coordinates."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 IDENTITY = Affine.identity()
 
-# So many float64 numbers must lie within a pixel, or triangles would have no area.
+# At least this many float64 numbers must lie within a pixel; else triangles would have no area.
 _LEAST_STEPS = 1024
 
 
-# Nodes lie on a lattice of 1/256 pixel: exact in float64 and in the predicates.
+# Nodes lie on a lattice of 1/256 pixel. This is exact in float64 and in the predicates.
 LATTICE = 256.0
 
 
@@ -49,18 +49,18 @@ class Window:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width), as numpy has it."""
+        """(height, width), the order of numpy."""
         return self.height, self.width
 
     def clip(self, other: Window) -> Window:
-        """Return what `self` and `other` share (width or height 0 if nothing)."""
+        """Return the intersection with `other`. If it is empty, width or height is 0."""
         col, row = max(self.col, other.col), max(self.row, other.row)
         width = max(min(self.stop_col, other.stop_col) - col, 0)
         height = max(min(self.stop_row, other.stop_row) - row, 0)
         return Window(col, row, width, height)
 
     def pad(self, pixels: int) -> Window:
-        """Return the window grown by `pixels` on every side."""
+        """Return the window extended by `pixels` on every side."""
         return Window(
             self.col - pixels,
             self.row - pixels,
@@ -79,8 +79,8 @@ class Window:
 class Grid:
     """Size, affine transform and CRS of a raster.
 
-    Pixel coordinates are *pixel-edge* coordinates: x to the right, y down, the
-    raster spans [0, width] x [0, height] and the centre of pixel (row, col) is
+    Pixel coordinates are *pixel-edge* coordinates: x runs to the right, y runs down. The
+    raster covers [0, width] x [0, height], and the centre of pixel (row, col) is
     (col + 0.5, row + 0.5). Map coordinates are in the CRS, x first.
 
     Parameters
@@ -88,9 +88,9 @@ class Grid:
     width, height : int
         Number of columns and rows, at least 1.
     transform : Affine
-        Pixel-edge to map coordinates; may be rotated or flipped.
+        From pixel-edge to map coordinates. It may be rotated or flipped.
     crs : pyproj.CRS, optional
-        None for a raster without georeference: then the map is the pixel plane.
+        None for a raster without a CRS.
     """
 
     width: int
@@ -100,20 +100,21 @@ class Grid:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.width, int) and isinstance(self.height, int)):
-            raise TypeError(f"width {self.width!r} and height {self.height!r} must be int")
+            raise TypeError(f"width is {self.width!r} and height {self.height!r}: expected int")
         if self.width < 1 or self.height < 1:
             raise GeoreferenceError(f"a grid of {self.width} x {self.height} pixels has no area")
         if not all(math.isfinite(value) for value in self.transform[:6]):
             raise GeoreferenceError(f"the transform {tuple(self.transform[:6])} is not finite")
         if self.transform.determinant == 0:
             raise GeoreferenceError(
-                f"the transform {tuple(self.transform[:6])} maps every pixel onto a line"
+                f"the transform {tuple(self.transform[:6])} maps every pixel onto a line: correct "
+                "the georeference"
             )
         a, b, _, d, e, _ = self.transform[:6]
         pixel = min(math.hypot(a, d), math.hypot(b, e))
         if pixel < _LEAST_STEPS * np.spacing(max(map(abs, self.bounds()))):
             raise GeoreferenceError(
-                f"pixels of {pixel:g} map units are finer than float64 coordinates can tell apart "
+                f"pixels of {pixel:g} map units are smaller than float64 coordinates can resolve "
                 f"at {self.transform.c:g}, {self.transform.f:g}: correct the georeference"
             )
 
@@ -124,9 +125,9 @@ class Grid:
 
     @property
     def flips(self) -> bool:
-        """Whether counter-clockwise on the map is clockwise in (x, y) pixel numbers.
+        """Whether a counter-clockwise triangle on the map is clockwise in pixel coordinates.
 
-        True for the usual north-up raster, whose rows run down.
+        True for a usual north-up raster, because its rows run down.
         """
         return bool(self.transform.determinant < 0)
 
@@ -137,12 +138,15 @@ class Grid:
 
     @property
     def y_runs_down(self) -> bool:
-        """Whether a page shows y running down: without a CRS, where y counts rows."""
+        """Whether a plot must show y downwards: without a CRS, y is the number of the row."""
         return bool(self.crs is None and self.transform.e > 0)
 
     @property
     def aspect(self) -> float:
-        """Length on a page of a unit of y over one of x: degrees of longitude are shorter."""
+        """Length of one unit of y divided by one unit of x, on the ground, for plots.
+
+        Not 1 for a geographic CRS: there a degree of longitude is shorter than one of latitude.
+        """
         if self.crs is None or not self.crs.is_geographic:
             return 1.0
         _, south, _, north = self.bounds()
@@ -162,15 +166,15 @@ class Grid:
         return Grid(width, height, Affine(a * sx, b * sy, c, d * sx, e * sy, f), self.crs)
 
     def to_map(self, points: ArrayLike) -> Points:
-        """Return map coordinates, (N, 2), of pixel-edge coordinates (N, 2)."""
+        """Convert pixel-edge coordinates (N, 2) to map coordinates (N, 2)."""
         return _apply(self.transform, points)
 
     def to_pixel(self, points: ArrayLike) -> Points:
-        """Return pixel-edge coordinates, (N, 2), of map coordinates (N, 2)."""
+        """Convert map coordinates (N, 2) to pixel-edge coordinates (N, 2)."""
         return _apply(~self.transform, points)
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return (west, south, east, north): the least box around the raster on the map."""
+        """Return (west, south, east, north) of the smallest map box around the raster."""
         w, h = self.width, self.height
         corners = self.to_map([(0, 0), (w, 0), (w, h), (0, h)])
         (west, south), (east, north) = corners.min(axis=0), corners.max(axis=0)
@@ -198,7 +202,10 @@ class Grid:
         if self.crs.is_geographic:
             ellipsoid = self.crs.ellipsoid
             if ellipsoid is None:
-                raise GeoreferenceError(f"{self.crs.name!r} names no ellipsoid to measure areas on")
+                raise GeoreferenceError(
+                    f"the CRS {self.crs.name!r} has no ellipsoid, so areas cannot be measured: "
+                    "give another CRS"
+                )
             return ellipsoidal_areas(
                 places * unit, triangles, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
             )

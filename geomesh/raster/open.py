@@ -1,4 +1,4 @@
-"""Any kind of source becomes a Scene: a path, an open dataset, an array or a DataArray."""
+"""Open a source as a Scene: a path, an open dataset, an array or a DataArray."""
 
 from __future__ import annotations
 
@@ -44,27 +44,27 @@ def open_scene(
     mask: Any = None,
     name: str | None = None,
 ) -> Scene:
-    """Look at a source and return the Scene to work on.
+    """Open a source and return it as a Scene. No pixel is read yet.
 
     Parameters
     ----------
     source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
-        An array is (H, W) or (B, H, W); masked arrays keep their mask. A DataArray, whose
-        place rioxarray tells, has two spatial dimensions and perhaps one of bands; if it is
-        lazy (of Dask, or of a file), it is computed window by window and never held whole.
+        An array is (H, W) or (B, H, W); masked arrays keep their mask. A DataArray has two
+        spatial dimensions and at most one of bands; rioxarray reads its georeference. If it
+        is lazy (in Dask or in a file), it is computed window by window, never as a whole.
     bidx : sequence of int, optional
-        1-based bands; all but alpha by default.
+        Bands to use; the first band is 1. Default: all except alpha.
     nodata : float, optional
-        Takes the place of the file's own nodata value.
+        Used instead of the file's own nodata value.
     crs : str, int or pyproj.CRS, optional
-        Takes the place of the file's own coordinate system; nothing is reprojected.
+        Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
-        Box in map coordinates to crop to. Rows and columns that it touches are kept
-        whole; on a turned grid, pixels with their centre in it.
+        Box in map coordinates to crop to. All rows and columns that it touches are kept.
+        On a rotated grid, the pixels whose centre is in the box are kept.
     mask : path, GeoDataFrame or GeoSeries, optional
-        Area of interest: polygons, reprojected to the raster's CRS if need be.
+        Polygons of the area of interest. They are reprojected to the CRS of the raster.
     name : str, optional
-        What messages and metadata call the source, if not by its path.
+        Name of the source in messages and metadata. Default: its path.
 
     Raises
     ------
@@ -74,29 +74,29 @@ def open_scene(
         isinstance(bidx, Sequence) and all(isinstance(index, int) for index in bidx)
     ):
         raise BandError(f"bidx is {bidx!r}: give a list of band numbers such as [3, 2, 1]")
-    given = None if crs is None else _parse_crs("the CRS given,", crs)
+    given = None if crs is None else _parse_crs("the CRS", crs)
     if isinstance(source, tuple) and len(source) == 3:
         array, transform, own = source
         if given is None and own is not None:
-            given = _parse_crs("the array's CRS", own)
-        scene = _array_scene(_held(name or "the array", array, transform), bidx, given)
+            given = _parse_crs("the CRS of the array,", own)
+        scene = _array_scene(_array_raster(name or "the array", array, transform), bidx, given)
     elif is_xarray(source):
         raster = read_dataarray(source, name, with_crs=given is None)
         scene = _array_scene(raster, bidx, given)
     elif isinstance(source, _DATASETS):
         if source.closed:
-            raise SourceError(f"{source.name} is closed; give the dataset open, or its path")
+            raise SourceError(f"{source.name} is closed; give an open dataset, or its path")
         scene = _dataset_scene(name or source.name, BorrowedDataset(source), source, bidx, given)
     elif isinstance(source, str | PathLike):
         path = fspath(source)
         with open_raster(path) as dataset:
-            # Workers elsewhere may work in another folder.
-            place = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
-            scene = _dataset_scene(name or path, place, dataset, bidx, given)
+            # Absolute, because workers in other processes may have another working folder.
+            absolute = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
+            scene = _dataset_scene(name or path, absolute, dataset, bidx, given)
     else:
         raise SourceError(
-            f"a {type(source).__name__} is no source: give a path, an open rasterio dataset, an "
-            "xarray.DataArray or (array, transform, crs)"
+            f"cannot open a {type(source).__name__} as a raster: give a path, an open rasterio "
+            "dataset, an xarray.DataArray or (array, transform, crs)"
         )
     if nodata is not None:
         scene = replace(scene, nodata=float(nodata))
@@ -105,22 +105,22 @@ def open_scene(
     return scene
 
 
-def _parse_crs(whose: str, crs: Any) -> CRS:
+def _parse_crs(label: str, crs: Any) -> CRS:
     try:
         return CRS.from_user_input(crs)
     except CRSError as error:
         raise GeoreferenceError(
-            f"{whose} {crs!r} is unknown ({one_line(error)}); give a code such as EPSG:32722"
+            f"{label} {crs!r} is unknown ({one_line(error)}); give a code such as EPSG:32722"
         ) from error
 
 
-def _held(name: str, array: Any, transform: Any) -> ArrayRaster:
+def _array_raster(name: str, array: Any, transform: Any) -> ArrayRaster:
     array = np.ma.asarray(array) if np.ma.isMaskedArray(array) else np.asarray(array)
     check_shape(name, array.shape)
     if not isinstance(transform, Affine | None):
         raise GeoreferenceError(
-            f"{name} has the transform {transform!r}, which is no affine.Affine; GDAL's order of "
-            "the numbers is another one: use Affine.from_gdal"
+            f"{name} has the transform {transform!r}: expected affine.Affine; for six numbers in "
+            "GDAL's order use Affine.from_gdal"
         )
     return ArrayRaster(name, array[None] if array.ndim == 2 else array, transform or IDENTITY)
 
@@ -129,9 +129,9 @@ def _array_scene(raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | N
     name, array = raster.name, raster.array
     bands = array_bands(name, array.dtype, raster.descriptions or (None,) * len(array), bidx)
     grid, notes = georeference(name, raster, given)
-    held, size = Excerpt(array, grid.extent), (grid.width, grid.height)
+    source, size = Excerpt(array, grid.extent), (grid.width, grid.height)
     return Scene(
-        name, grid, grid.extent, bands, array.dtype, held, size, nodata=raster.nodata, notes=notes
+        name, grid, grid.extent, bands, array.dtype, source, size, nodata=raster.nodata, notes=notes
     )
 
 
@@ -144,7 +144,7 @@ def _dataset_scene(
 ) -> Scene:
     if dataset.count == 0:
         raise SourceError(
-            f"{name} holds no bands of its own; name one of its subdatasets: "
+            f"{name} contains no bands of its own; name one of its subdatasets: "
             f"{', '.join(dataset.subdatasets[:3]) or 'none found'}"
         )
     bands, dtype = dataset_bands(name, dataset, bidx)

@@ -1,4 +1,4 @@
-"""Scene: any raster that rasterio opens, as arrays of chosen bands and their validity."""
+"""Scene: a raster of any source, read in windows as chosen bands and a mask of valid pixels."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 
 @dataclass(frozen=True, eq=False)
 class Excerpt:
-    """A part of a raster in memory, or of one that is computed where it is read.
+    """A part of a raster as an array in memory, or as a lazy array.
 
     Parameters
     ----------
-    array : (B, h, w), perhaps masked
-        All bands of `window`: of numpy, or the part of it that is cut out becomes so.
+    array : (B, h, w), which may be masked
+        All bands of `window`: a numpy array, or one that converts to numpy when it is read.
     window : Window
     """
 
@@ -48,11 +48,14 @@ class Excerpt:
     window: Window
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Whoever is sent a part gets its pixels, not the way to compute them.
+        # Pickle the pixels, not a lazy array: another process need not compute them.
         return Excerpt, (np.asanyarray(self.array), self.window)
 
     def read(self, window: Window, shape: tuple[int, int] | None, indexes: Sequence[int]) -> Pixels:
-        """Return the bands at `indexes` and their validity in `window`, decimated to `shape`."""
+        """Return the bands at `indexes` and the mask of valid pixels in `window`.
+
+        `shape` (rows, columns) decimates them; None keeps all pixels.
+        """
         rows, cols = window.slices(self.window)
         if shape is not None:
             rows, cols = _thin(rows, shape[0]), _thin(cols, shape[1])
@@ -60,48 +63,48 @@ class Excerpt:
         return np.ma.getdata(block), ~np.any(np.ma.getmaskarray(block), axis=0)
 
     def cut(self, window: Window) -> Excerpt:
-        """Return the part of it in `window`; no pixel is copied."""
+        """Return the part in `window`. No pixel is copied."""
         return Excerpt(self.array[:, *window.slices(self.window)], window)
 
 
 def _thin(side: slice, count: int) -> slice:
-    """Return every n-th of a side's pixels, the middle one of each n, `count` in all."""
+    """Return a slice of `count` pixels of a side: the middle one of every n pixels."""
     step = (side.stop - side.start) // count
     return slice(side.start + step // 2, side.start + step * count, step)
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A raster, the bands chosen from it and the part of it to work on.
+    """A raster, the bands chosen from it, and the part of it to process.
 
-    Made by `geomesh.raster.open.open_scene`; it can be sent to workers, for files are opened
-    where they are read.
+    `geomesh.raster.open.open_scene` returns it. It can be sent to workers in other processes,
+    because each process opens the file itself.
 
     Parameters
     ----------
     name : str
-        The source as the user gave it, for messages and metadata.
+        Name of the source in messages and metadata.
     grid : Grid
-        Lattice of `window`.
+        Grid of `window`.
     window : Window
-        The part to work on, in the pixels of the file.
+        The part to process, in pixels of the file.
     bands : tuple of Band
-        After a palette has become colours.
+        The chosen bands. A palette has three: red, green and blue.
     dtype : numpy.dtype
     source : str, BorrowedDataset or Excerpt
-        A file's absolute path or URL, the caller's open dataset, or an array.
+        The absolute path or URL of a file, the caller's open dataset, or an array.
     size : (int, int)
         Width and height of the whole raster.
     nodata : float or None
-        Replaces the file's own nodata value.
+        Used instead of the file's own nodata value.
     area : shapely geometry or None
-        Area of interest in pixel-edge coordinates of the file, on the lattice of nodes:
-        so whichever window is read, a pixel is in it or not. Pixels with their centre
-        outside are invalid.
+        Area of interest, in pixel-edge coordinates of the file. Pixels whose centre is
+        outside are invalid. Its coordinates are rounded to the lattice of nodes, so that a
+        pixel is inside or outside for every window.
     notes : tuple of str
-        What the user should know about the georeference.
+        Notes about the georeference, for the user.
     reading : str
-        Tells this opening of the raster from others, in every process.
+        Unique id of this opening of the raster, the same in every process.
     """
 
     name: str
@@ -118,23 +121,27 @@ class Scene:
 
     @property
     def rgb(self) -> tuple[int, int, int] | None:
-        """Positions in `bands` of red, green and blue: as tagged, or the only three there are."""
+        """Positions of red, green and blue in `bands`, or None.
+
+        By colour interpretation; else 0, 1, 2 if there are exactly three bands.
+        """
         return find_rgb([band.color for band in self.bands]) or (
             (0, 1, 2) if len(self.bands) == 3 else None
         )
 
     @property
     def display(self) -> tuple[int, int, int]:
-        """Positions in `bands` of what to show as red, green and blue.
+        """Positions in `bands` of the bands to show as red, green and blue.
 
-        As tagged, or as the bands' descriptions say, or the first three, or the first.
+        As in `rgb`; else by the descriptions of the bands; else the first three bands; else
+        the first band.
         """
-        told = find_rgb([described_color(band) for band in self.bands])
-        return self.rgb or told or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
+        described = find_rgb([described_color(band) for band in self.bands])
+        return self.rgb or described or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
 
     @contextmanager
     def open(self) -> Iterator[Scene]:
-        """Keep this process's handles on the source for as long as the block lasts."""
+        """Close this process's handles on the source when the block ends."""
         try:
             with self.source.used() if isinstance(self.source, BorrowedDataset) else nullcontext():
                 yield self
@@ -142,28 +149,28 @@ class Scene:
             close_handles(self.reading)
 
     def read(self, window: Window, shape: tuple[int, int] | None = None) -> Pixels:
-        """Return bands (B, h, w) and validity (h, w) of `window`, decimated to `shape`.
+        """Return the bands (B, h, w) and the mask of valid pixels (h, w) in `window`.
 
-        Threads may read at the same time.
+        `shape` (rows, columns) decimates them. Several threads may read at the same time.
         """
         base = self.window
         there = replace(window, col=window.col + base.col, row=window.row + base.row)
         if isinstance(self.source, Excerpt):
             bands, valid = self.source.read(there, shape, [band.index - 1 for band in self.bands])
         else:
-            # Decimated windows do not overlap: there is nothing to share, but for a scene that
-            # the cache of one handle holds, which then need not be decoded again.
+            # Decimated windows do not overlap, so threads need not share blocks. But if the
+            # whole scene fits into the cache of one handle, share it: later reads use it too.
             with self.lend(shared=shape is None or self._fits_cache) as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
         return bands, self._narrowed(bands, valid, there)
 
     def lend(self, *, shared: bool = True) -> AbstractContextManager[rasterio.DatasetReader]:
-        """Return the context of the dataset behind the scene, for one thread at a time."""
+        """Return a context that yields the rasterio dataset, for one thread at a time."""
         if isinstance(self.source, Excerpt):
             raise TypeError(f"{self.name} is an array, not a dataset")
         if isinstance(self.source, BorrowedDataset):
-            return self.source.lend()
-        return handles(self.reading, self.source, self.size).lend(shared=shared)
+            return self.source.borrow()
+        return handles(self.reading, self.source, self.size).borrow(shared=shared)
 
     @property
     def _fits_cache(self) -> bool:
@@ -188,16 +195,16 @@ class Scene:
                 valid &= dataset.read(alpha, **out) > 0
         except IndexError as error:
             raise SourceError(
-                f"{self.name} changed while it was read ({one_line(error)}); start again when it "
-                "is complete"
+                f"{self.name} changed while it was read ({one_line(error)}); start again when the "
+                "file is complete"
             ) from error
         except RasterioError as error:
-            why = "the file is truncated or damaged; fetch or export it again"
+            reason = "the file is truncated or damaged; download or export it again"
             if isinstance(self.source, str) and is_remote(self.source):
-                why = "the file is damaged, or did not come through; try again, or fetch it first"
+                reason = "the file is damaged or the transfer failed; try again, or download it"
             raise SourceError(
                 f"{self.name}: cannot read columns {window.col} to {window.stop_col}, rows "
-                f"{window.row} to {window.stop_row}: {why} (GDAL: {one_line(error)})"
+                f"{window.row} to {window.stop_row}: {reason} (GDAL: {one_line(error)})"
             ) from error
         if colors is not None:
             entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
@@ -209,7 +216,7 @@ class Scene:
     def _narrowed(
         self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
     ) -> NDArray[np.bool_]:
-        """Narrow `valid` by the nodata override, non-finite values and the area of interest."""
+        """Mark pixels as invalid: `nodata` values, not finite, or outside the area of interest."""
         if self.nodata is not None and can_hold(bands.dtype, self.nodata):
             valid &= (bands != np.array(self.nodata).astype(bands.dtype)).all(axis=0)
         if bands.dtype.kind == "f":
@@ -224,7 +231,7 @@ class Scene:
         return valid
 
     def excerpt(self, window: Window) -> Scene:
-        """Return the scene as it is to be sent to whoever reads `window` of it, and no more."""
+        """Return a scene for a worker that reads only `window`. An array is cut to it."""
         if not isinstance(self.source, Excerpt):
             return self
         base = self.window
@@ -232,7 +239,10 @@ class Scene:
         return replace(self, source=self.source.cut(there))
 
     def crop(self, window: Window, area: Any = None) -> Scene:
-        """Return the scene of the part in `window` (pixels of this scene) and in `area`."""
+        """Return the part of the scene in `window` and in `area`.
+
+        `window` is in pixels of this scene, `area` in pixel-edge coordinates of the file.
+        """
         return replace(
             self,
             grid=self.grid.window(window),
@@ -244,7 +254,7 @@ class Scene:
 
 
 def can_hold(dtype: np.dtype[Any], value: float) -> bool:
-    """Tell whether a pixel of this type can have the value at all."""
+    """Return whether a pixel of this data type can have the value."""
     if dtype.kind == "f":
         return not math.isfinite(value) or abs(value) <= float(np.finfo(dtype).max)
     limits = np.iinfo(dtype)

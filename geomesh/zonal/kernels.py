@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import boolean, float64, int32, int64, kernel, reads, void, writes
@@ -103,3 +104,43 @@ def find_moments(values: Floats, members: Ids, stops: Counts, moments: Floats) -
             moments[0, t], moments[1, t] = origin + shift, max(squares - total * shift, 0.0)
             moments[2, t], moments[3, t] = low, high
         start = stop
+
+
+@kernel(
+    void(
+        reads(float64, 2), reads(float64, 1), reads(boolean, 2), reads(int64, 1), writes(float64, 1)
+    )
+)
+def blend_pixels(
+    points: Points, values: Floats, valid: Mask, origin: NDArray[np.int64], blended: Floats
+) -> None:
+    """Compute values at points, interpolated bilinearly between the four pixels around each.
+
+    Pixels that are not valid, or outside the image, have no weight; the others get more.
+    Values are computed relative to one of the pixels: if all are equal, the result is equal
+    to them to the last bit. Without a valid pixel the result is NaN.
+
+    Parameters
+    ----------
+    points : float64 (P, 2)
+        Pixel-edge coordinates.
+    values : float64 (h * w,)
+        Values of the pixels of `valid` (h, w), whose first pixel is `origin` (row, col).
+    blended : float64 (P,)
+        Output.
+    """
+    height, width = valid.shape
+    for p in range(len(points)):
+        x, y = points[p, 0] - 0.5 - origin[1], points[p, 1] - 0.5 - origin[0]
+        left, top = math.floor(x), math.floor(y)
+        total, base, above = 0.0, values[0], 0.0
+        for corner in range(4):
+            row, col = top + corner // 2, left + corner % 2
+            if 0 <= row < height and 0 <= col < width and valid[row, col]:
+                value = values[row * width + col]
+                weight = (1 - abs(x - col)) * (1 - abs(y - row))
+                if total == 0:
+                    base = value
+                total += weight
+                above += weight * (value - base)
+        blended[p] = base + above / total

@@ -15,7 +15,7 @@ import numpy as np
 from geomesh.arrays.jit import contiguous
 from geomesh.arrays.table import read_only
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
-from geomesh.zonal.kernels import collect_pixels, find_moments
+from geomesh.zonal.kernels import blend_pixels, collect_pixels, find_moments
 from geomesh.zonal.tile_mesh import TileMesh, split_by_tiles, triangles_in_box
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Counts, Floats, Ids, Mask, Points, Triangles
+    from geomesh.arrays.types import Counts, Floats, Ids, Points, Triangles
     from geomesh.parallel.progress import Progress
     from geomesh.parallel.workers import Workers
     from geomesh.raster.grid import Window
@@ -166,24 +166,25 @@ def measure_tile(
     box = np.array([core.row, core.stop_row, core.col, core.stop_col])
     collect_pixels(nodes, triangles[near], valid, origin, box, pixels, stops, members)
     count = np.diff(stops, prepend=0)
-    moments = np.zeros((len(bands), 4, len(near)))
+    held = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
+    points = nodes[held]
+    moments, node_values = np.zeros((len(bands), 4, len(near))), np.empty((len(bands), len(held)))
     values = np.empty(valid.size)
-    for band, found in zip(bands, moments, strict=True):
+    for band, found, blended in zip(bands, moments, node_values, strict=True):
         values.reshape(valid.shape)[:] = band
         find_moments(values, members, stops, found)
+        blend_pixels(points, values, valid, origin, blended)
     without = near[count == 0]
     centroids = nodes[triangles[without]].mean(axis=1)
-    held = _inside(centroids, window, core)
-    mine = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
-    node_values = _blend(nodes[mine], bands, valid, window)
+    inside = _inside(centroids, window, core)
     return TilePartial(
         index=near,
         pixels=pixels,
         count=count,
         moments=moments.swapaxes(0, 1),
-        centroid_index=without[held],
-        centroid_values=sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
-        node_index=mine,
+        centroid_index=without[inside],
+        centroid_values=sample(centroids[inside, 0], centroids[inside, 1], bands, valid, window),
+        node_index=held,
         node_values=node_values,
     )
 
@@ -229,33 +230,6 @@ def _add(part: TilePartial, pixels: Counts, count: Counts, moments: Floats) -> N
         moments[1][:, t] += m2 + delta * (before * share) * delta
     moments[2][:, t] = np.minimum(moments[2][:, t], low)
     moments[3][:, t] = np.maximum(moments[3][:, t], high)
-
-
-def _blend(points: Points, bands: NDArray[Any], valid: Mask, window: Window) -> Floats:
-    """Return values (B, P), interpolated bilinearly between the four pixels around each point.
-
-    Pixels that are not valid, or outside the image, have no weight; the others get more.
-    Values are computed relative to one of the pixels: if all are equal, the result is
-    equal to them to the last bit.
-    """
-    height, width = valid.shape
-    flat, known = bands.reshape(len(bands), -1), valid.ravel()
-    x, y = points[:, 0] - 0.5 - window.col, points[:, 1] - 0.5 - window.row
-    left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
-    total, base = np.zeros(len(points)), np.zeros(len(points), np.intp)
-    values = np.zeros((len(bands), len(points)))
-    for row, col in ((top, left), (top, left + 1), (top + 1, left), (top + 1, left + 1)):
-        there = (row >= 0) & (row < height) & (col >= 0) & (col < width)
-        pixel = np.where(there, row * width + col, 0)
-        there &= known[pixel]
-        base = np.where(there & (total == 0), pixel, base)
-        weight = np.where(there, (1 - np.abs(x - col)) * (1 - np.abs(y - row)), 0.0)
-        total += weight
-        with np.errstate(invalid="ignore"):  # invalid pixels may contain infinity
-            above = flat[:, pixel].astype(np.float64) - flat[:, base].astype(np.float64)
-            values += np.where(there, weight * above, 0.0)
-    with np.errstate(invalid="ignore"):  # without a valid pixel, 0 / 0 gives NaN
-        return flat[:, base].astype(np.float64) + values / total
 
 
 def _inside(points: Points, window: Window, core: Window) -> NDArray[np.bool_]:

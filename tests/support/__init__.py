@@ -1,6 +1,6 @@
-"""What the tests share; fixtures are in conftest.py."""
+"""Helper functions and data for the tests. Fixtures are in conftest.py."""
 
 import pytest
 
-# A failed assertion in here tells its values, as one in a test does.
+# Failed assertions in these modules show their values, as in tests.
 pytest.register_assert_rewrite("support.commands", "support.files", "support.geometry")

@@ -1,4 +1,4 @@
-"""Sources of every kind, sound and broken, and how meshing each of them should end."""
+"""Sources of every kind, valid and broken, and the expected result of meshing each one."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from support.rasters import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-NO_CRS = "has no CRS: the mesh has none either"
+NO_CRS = "has no CRS, so the mesh has no CRS either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"
 NO_KEYPOINTS = "no keypoints found .* the outline only"
 FEWER = "of the .* requested nodes: the image has no more keypoints"
@@ -43,22 +43,22 @@ NO_HULL = "span no area: the mesh covers the whole frame"
 
 @dataclass(frozen=True)
 class Case:
-    """One source with options, and how it should end.
+    """One source with options, and the expected result.
 
     Parameters
     ----------
     make : callable(folder)
         Writes the source into an empty folder and returns it.
     options : mapping, or callable(folder) that returns one
-        For mesh_raster, and in another form for the command line.
+        Options for mesh_raster. The test of the command line converts them.
     refused : str, optional
-        Pattern of the command's error: its cause and the way out. None: a mesh is expected.
+        Pattern of the error: its cause and the way out. None: a mesh is expected.
     names : str, optional
-        Text the error must hold; the name of the source file by default.
+        Text that the error must contain. Default: the name of the source file.
     warns : tuple of str
-        Patterns of the warnings; each warning fits one, and each one is met.
+        Patterns of the warnings. Each warning matches a pattern, and each pattern a warning.
     valid : int, optional
-        Number of pixels that hold data.
+        Number of valid pixels.
     """
 
     make: Callable[[Path], Any]
@@ -69,14 +69,14 @@ class Case:
     valid: int | None = None
 
     def prepare(self, folder: Path) -> tuple[Any, Mapping[str, Any]]:
-        """Return source and options, with their files written into `folder`."""
+        """Write the files of the source and the options into `folder`, and return both."""
         folder.mkdir()
         source = self.make(folder)
         return source, self.options(folder) if callable(self.options) else self.options
 
 
 def truncated(share: float) -> Callable[[Path], str]:
-    """Return what writes a tiled, compressed raster of which only a part has arrived."""
+    """Return a function that writes the first part of a tiled, compressed raster."""
 
     def make(folder: Path) -> str:
         path = write_raster(
@@ -98,7 +98,7 @@ def text_file(name: str, content: str = "") -> Callable[[Path], str]:
 
 
 def vrt_of(target: str, *, nodata: str = "", size: tuple[int, int] = (COLS, ROWS)) -> str:
-    """A VRT of one Byte band of `target`."""
+    """Return the text of a VRT with one Byte band of `target`."""
     tag = f"<NoDataValue>{nodata}</NoDataValue>" if nodata else ""
     return (
         f'<VRTDataset rasterXSize="{size[0]}" rasterYSize="{size[1]}">'
@@ -110,7 +110,7 @@ def vrt_of(target: str, *, nodata: str = "", size: tuple[int, int] = (COLS, ROWS
 
 
 def vrt_with_nodata(nodata: str, value: int) -> Callable[[Path], str]:
-    """Return what writes a VRT that declares a nodata value its type cannot hold."""
+    """Return a function that writes a VRT whose nodata value does not fit its data type."""
 
     def make(folder: Path) -> str:
         write_raster(folder, "below.tif", holed(value))
@@ -120,7 +120,7 @@ def vrt_with_nodata(nodata: str, value: int) -> Callable[[Path], str]:
 
 
 def with_alpha(levels: int | np.ndarray, bands: int = 3) -> Callable[[Path], str]:
-    """Return what writes `bands` of data and one of alpha."""
+    """Return a function that writes `bands` bands of data and an alpha band."""
     alpha = np.broadcast_to(np.uint8(levels), (1, ROWS, COLS)).astype(np.uint8)
     colors = ("red", "green", "blue") if bands == 3 else ("gray",)
     tags = [ColorInterp[color] for color in (*colors, "alpha")]
@@ -133,7 +133,7 @@ def with_alpha(levels: int | np.ndarray, bands: int = 3) -> Callable[[Path], str
 
 
 def palette(driver: str, transparent: int) -> Callable[[Path], str]:
-    """Return what writes a palette raster of 8 entries, one of them transparent."""
+    """Return a function that writes a palette raster. The entry `transparent` is transparent."""
     levels = (picture() // 32).astype(np.uint8)
     levels[:, 10:22, 20:30] = transparent
 
@@ -148,7 +148,7 @@ def palette(driver: str, transparent: int) -> Callable[[Path], str]:
 
 
 def masked(*, internal: bool) -> Callable[[Path], str]:
-    """Return what writes a raster with a mask band, inside the file or beside it."""
+    """Return a function that writes a raster with a mask band, internal or in a second file."""
     mask = np.full((ROWS, COLS), 255, np.uint8)
     mask[10:22, 20:30] = 0
 
@@ -160,7 +160,7 @@ def masked(*, internal: bool) -> Callable[[Path], str]:
 
 
 def with_gcps(*points: tuple[float, float, float, float]) -> Callable[[Path], str]:
-    """Return what writes a raster placed by (row, col, x, y) alone."""
+    """Return a function that writes a raster with ground control points (row, col, x, y) only."""
     gcps = [GroundControlPoint(*point) for point in points]
     return raster(
         transform=None, crs=None, change=lambda dataset: setattr(dataset, "gcps", (gcps, UTM))
@@ -190,7 +190,7 @@ def with_rpcs(folder: Path) -> str:
 
 
 def container(folder: Path) -> str:
-    """A GeoPackage of two rasters, which has no bands of its own."""
+    """Write a GeoPackage of two rasters, which has no bands of its own."""
     for table in ("one", "two"):
         write_raster(
             folder,
@@ -204,7 +204,7 @@ def container(folder: Path) -> str:
 
 
 def pages(folder: Path) -> str:
-    """A TIFF of two pages; GDAL takes the first one."""
+    """Write a TIFF of two pages. GDAL opens the first page."""
     path = write_raster(folder)
     return write_raster(folder, Path(path).name, holed(255), append_subdataset=True)
 
@@ -224,7 +224,7 @@ def descriptions(*names: str) -> Callable[[Path], str]:
 
 
 SOURCES: dict[str, Case] = {
-    # Files that are no raster, or not all of one.
+    # Files that are not a raster, or only a part of one.
     "missing file": Case(
         lambda folder: str(folder / "scene.tif"), refused="no such file; check the path"
     ),
@@ -337,7 +337,7 @@ SOURCES: dict[str, Case] = {
         for value, dtype, held, missing in (
             (255, "uint8", 255, 120),
             (0, "uint8", 0, 120),
-            # What bytes cannot hold no byte is equal to.
+            # No byte is equal to a value that does not fit into a byte.
             (-1, "uint8", 255, 0),
             (300, "uint8", 44, 0),
             (0.5, "uint8", 0, 0),

@@ -1,4 +1,4 @@
-"""The command line: how it is run, and what it left."""
+"""Run the command line, and check its output."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from pathlib import Path
 
-# geomesh as a program of its own.
+# geomesh as a separate program.
 PROGRAM = (sys.executable, "-c", "from geomesh.cli import main; main()")
 
-# What lies where a command is to write.
+# Content of an output file that exists before the command runs.
 OLD = b"an older mesh"
 
 
 class Run(NamedTuple):
-    """What a command left: exit code, standard output, standard error."""
+    """The result of a command: exit code, standard output, standard error."""
 
     code: int
     out: str
     err: str
 
     def warnings(self) -> list[str]:
-        """The warnings, if there is nothing but warnings on standard error."""
+        """Return the warnings. Standard error must contain nothing else."""
         lines = self.err.splitlines()
         assert [line for line in lines if not line.startswith("Warning: ")] == []
         return [line.removeprefix("Warning: ") for line in lines]
 
     def error(self) -> str:
-        """The one error of a refused run, if it told nothing else but warnings."""
+        """Return the only error of a failed run. It must have printed only warnings besides."""
         assert self.code == 1, self
         assert self.out == ""
         lines = [line for line in self.err.splitlines() if not line.startswith("Warning: ")]
@@ -46,7 +46,7 @@ Geomesh = Callable[..., Run]
 
 
 def snapshot(folder: Path) -> dict[str, bytes | None]:
-    """Everything in a folder, hidden or not: None for folders, else the content."""
+    """Return the contents of all files in a folder, hidden ones too. Subfolders are None."""
     return {
         str(path.relative_to(folder)): None if path.is_dir() else path.read_bytes()
         for path in sorted(folder.rglob("*"))
@@ -54,9 +54,9 @@ def snapshot(folder: Path) -> dict[str, bytes | None]:
 
 
 def assert_refused(run: Geomesh, *arguments: str | Path, folder: Path, output: Path) -> str:
-    """Run a command that must fail, with and without an old output; return its error.
+    """Run a command that must fail, with and without an existing output; return its error.
 
-    Nothing in `folder` may change: no output, no leftover, the old output as it was.
+    Nothing in `folder` may change: no new output, no temporary file, the same old output.
     """
     before = snapshot(folder)
     error = run("mesh", "-o", output, *arguments).error()
@@ -68,7 +68,7 @@ def assert_refused(run: Geomesh, *arguments: str | Path, folder: Path, output: P
 
 
 def run_program(*arguments: str | Path, **options: Any) -> Run:
-    """Run geomesh as a program of its own; `options` are those of subprocess.run."""
+    """Run geomesh as a separate program. `options` are those of subprocess.run."""
     done = subprocess.run(
         [*PROGRAM, *map(str, arguments)],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""Files of meshes: what they hold, and what lies beside them."""
+"""Read and compare mesh files, and list what is in their folder."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def hidden(folder: Path) -> list[str]:
 
 
 def contents(path: Path) -> dict[str, Any]:
-    """The rows of each layer of a file, and its metadata."""
+    """Return the rows and the metadata of each layer of a file."""
     found: dict[str, Any] = {}
     for name in ("triangles", "edges", "nodes"):
         meta, table = pyogrio.read_arrow(path, layer=name)
@@ -63,7 +63,7 @@ def assert_same(found: TriangleMesh, expected: TriangleMesh) -> None:
 
 @contextmanager
 def mounted(folder: Path, size: str) -> Iterator[bool]:
-    """Put a disk of a size, such as "200k", on a folder; tell whether that is allowed here."""
+    """Mount a disk of a size, such as "200k", on a folder. Yield False if that is not allowed."""
     mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
     try:
         done = subprocess.run(mount, capture_output=True, check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""Triangulations of points: how they are made, told apart and checked."""
+"""Make, compare and check triangulations of points."""
 
 from fractions import Fraction
 
@@ -14,13 +14,13 @@ def as_sets(triangles):
 
 
 def exact(value):
-    """A coordinate as a whole number, with which arithmetic is faster, or else as a fraction."""
+    """Return a coordinate as an int if possible, because that is faster, or else as a Fraction."""
     value = float(value)
     return int(value) if value.is_integer() else Fraction(value)
 
 
 def exact_incircle(points, triangle, other):
-    """Sign of the in-circle determinant in rational numbers; positive is inside."""
+    """Return the in-circle determinant in rational numbers; positive if `other` is inside."""
     rows = []
     ox, oy = map(exact, points[other])
     for i in triangle:
@@ -31,13 +31,16 @@ def exact_incircle(points, triangle, other):
 
 
 def exact_area(points, triangle):
-    """Twice the signed area in rational numbers."""
+    """Return twice the signed area of a triangle in rational numbers."""
     (ax, ay), (bx, by), (cx, cy) = (map(exact, points[i]) for i in triangle)
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
 def assert_delaunay(points, triangles, segments=()):
-    """Counter-clockwise, covering the hull, and empty circles across every free edge."""
+    """Check that triangles are counter-clockwise and circles across free edges are empty.
+
+    `segments` are fixed edges: there the circles may contain the opposite node.
+    """
     fixed = {frozenset(map(int, segment)) for segment in segments}
     corners = points[triangles]
     ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -56,7 +59,7 @@ def area(points, triangles):
 
 
 def rectangle_mesh(rng, width, height, count, step=1 / 256):
-    """Delaunay mesh of [0, width] x [0, height] with random nodes on a grid of `step`."""
+    """Return a Delaunay mesh of [0, width] x [0, height]; nodes are random multiples of `step`."""
     inner = rng.integers(0, [width / step + 1, height / step + 1], (count, 2)) * step
     corners = [(0, 0), (width, 0), (0, height), (width, height)]
     nodes = np.unique(np.vstack([inner, corners]), axis=0)

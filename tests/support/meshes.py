@@ -26,7 +26,7 @@ from support.rasters import GEOSTATIONARY, MARS
 
 WIDTH, HEIGHT = 40, 30
 _UTM_18N = CRS(32618)
-# Grids that lie in each way on the map.
+# Grids of all orientations on the map.
 ORIENTATIONS = {
     "north-up": Grid(WIDTH, HEIGHT, Affine(30, 0, 600_000, 0, -30, 4_900_000), _UTM_18N),
     "south-up": Grid(WIDTH, HEIGHT, Affine(30, 0, 600_000, 0, 30, 4_900_000), _UTM_18N),
@@ -39,7 +39,7 @@ ORIENTATIONS = {
 
 _NORTH_UP = Affine(10, 0, 500_000, 0, -10, 7_000_000)
 _UTM_23S = CRS(32723)
-# Grids of each kind of CRS, and of none.
+# Grids with each kind of CRS, and one without.
 GEOREFERENCES = {
     "north-up": Grid(50, 40, _NORTH_UP, _UTM_23S),
     "rotated": Grid(50, 40, _NORTH_UP @ Affine.rotation(30), _UTM_23S),
@@ -53,7 +53,7 @@ GEOREFERENCES = {
 
 
 def provenance(**changes: Any) -> Provenance:
-    """How a mesh of a small raster of one band may have been made.
+    """Return the provenance of a mesh of a small raster with one band.
 
     `changes` are fields of the Provenance or of its source.
     """
@@ -72,7 +72,7 @@ def provenance(**changes: Any) -> Provenance:
 
 
 def frame_mesh(grid: Grid, seed: int = 5, **fields: Any) -> Mesh:
-    """A Delaunay mesh of a grid's whole frame, counter-clockwise on the map."""
+    """Return a Delaunay mesh of the whole frame of a grid, counter-clockwise on the map."""
     w, h = grid.width, grid.height
     frame = np.array([(0, 0), (w, 0), (w, h), (0, h)], float)
     inner = np.random.default_rng(seed).integers((64, 64), (64 * w - 64, 64 * h - 64), (25, 2)) / 64
@@ -113,7 +113,7 @@ def frame_mesh(grid: Grid, seed: int = 5, **fields: Any) -> Mesh:
 
 
 def two_triangles(grid: Grid = GEOREFERENCES["north-up"], corner: float = 4.0) -> Mesh:
-    """A square cut along a diagonal, whose outline is constrained.
+    """Return a square that is divided along a diagonal. Its outline is constrained.
 
     0---1        x right, y down
     | / |
@@ -134,7 +134,7 @@ def two_triangles(grid: Grid = GEOREFERENCES["north-up"], corner: float = 4.0) -
 
 
 def random_mesh(grid: Grid = GEOREFERENCES["north-up"], count: int = 200) -> Mesh:
-    """The Delaunay triangulation of random nodes, with a column of every type."""
+    """Return a Delaunay mesh of random nodes, with a column of every data type."""
     random = np.random.default_rng(count)
     nodes = random.uniform(0, 1, (count, 2)) * (grid.width, grid.height)
     triangles = Delaunay(nodes).simplices.astype(np.int32)
@@ -178,7 +178,7 @@ def random_mesh(grid: Grid = GEOREFERENCES["north-up"], count: int = 200) -> Mes
 
 
 def lattice_mesh(crs: str, transform: Affine, width: int = 20, height: int = 20) -> Mesh:
-    """Every cell of a grid cut into two: no slivers, so all edges are short."""
+    """Return a mesh of all cells of a grid, each divided into two triangles: no long edges."""
     x, y = np.meshgrid(np.arange(width + 1), np.arange(height + 1))
     nodes = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     corner = (np.arange(height)[:, None] * (width + 1) + np.arange(width)).ravel()

@@ -1,4 +1,4 @@
-"""Small rasters written to files: real data, of any size, type and georeference."""
+"""Write small rasters of real data, with any size, data type and georeference."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def landsat() -> np.ndarray:
 
 
 def picture(bands: int = 1, rows: int = ROWS, cols: int = COLS) -> np.ndarray:
-    """Real data of any size, without the value 0: uint8 (bands, rows, cols)."""
+    """Return real data of any size, uint8 (bands, rows, cols), without the value 0."""
     source = landsat()
     down, across = (reflected(*sizes) for sizes in zip((rows, cols), source.shape[1:], strict=True))
     return np.maximum(source[np.arange(bands) % 3][:, down[:, None], across], 1)
 
 
 def reflected(count: int, size: int) -> np.ndarray:
-    """`count` indices that run to and fro over 0..size-1, from 0 on."""
+    """Return `count` indices that run from 0 to size - 1, back to 0, and so on."""
     turn = np.arange(count) % (2 * size)
     return np.where(turn < size, turn, 2 * size - 1 - turn)
 
@@ -51,7 +51,7 @@ def write_raster(
     change: Callable[[Any], None] | None = None,
     **profile: Any,
 ) -> str:
-    """Write a raster (UTM, 30 m, unless `profile` says otherwise) and return its path."""
+    """Write a raster and return its path. Default: UTM, pixels of 30 m."""
     data = picture() if data is None else data
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,12 +72,12 @@ def write_raster(
 
 
 def raster(data: np.ndarray | None = None, **options: Any) -> Callable[[Path], str]:
-    """Return what writes the raster: see `write_raster`."""
+    """Return a function that writes the raster; see `write_raster`."""
     return partial(write_raster, data=data, **options)
 
 
 def holed(value: float, dtype: str = "uint8", bands: int = 1) -> np.ndarray:
-    """The picture with 12 x 10 = 120 pixels of `value`, which occurs nowhere else."""
+    """Return the picture with `value` in 12 x 10 = 120 pixels, and nowhere else."""
     data = picture(bands).clip(2, 200).astype(dtype)
     data[:, 10:22, 20:30] = value
     return data

@@ -14,12 +14,12 @@ ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "data_samples"
 OLINDA = SAMPLES / "olinda_landsat7_rgb_uint8.tif"
 ROTATED = SAMPLES / "olinda_landsat7_rgb_rotated_gt.tif"
-# By name: it is made larger.
+# Only the name, for `write_mirrored`.
 NODATA_EDGE = "parana_landsat8_rgb_uint16_nodata_edge.tif"
 
 
 def mirrored(path: Path, width: int, height: int) -> np.ndarray:
-    """Bands (B, height, width) of a raster, continued beyond its borders by reflection."""
+    """Return bands (B, height, width) of a raster, extended by reflection at its borders."""
     with rasterio.open(path) as dataset:
         bands = dataset.read()
     _, rows, cols = bands.shape
@@ -29,7 +29,7 @@ def mirrored(path: Path, width: int, height: int) -> np.ndarray:
 
 
 def write_mirrored(target: Path, name: str, width: int, height: int, **profile: Any) -> Path:
-    """Write a sample, continued by reflection, as a tiled GeoTIFF, and return its path."""
+    """Write a sample, extended by reflection, as a tiled GeoTIFF, and return its path."""
     with rasterio.open(SAMPLES / name) as dataset:
         profile = dataset.profile | {
             "width": width,
@@ -46,7 +46,7 @@ def write_mirrored(target: Path, name: str, width: int, height: int, **profile: 
 
 
 def fingerprint(mesh: Any) -> dict[str, str]:
-    """A hash of each array of a mesh, of what is known of its shape, and of its metadata."""
+    """Return hashes of the arrays of a mesh, of its grid and domain, and of its metadata."""
     arrays = {"nodes": mesh.nodes, "triangles": mesh.triangles, "constraints": mesh.constraints}
     for layer in ("triangles", "edges", "nodes"):
         arrays |= {f"{layer}.{name}": column for name, column in mesh.attributes(layer).items()}
