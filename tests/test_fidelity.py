@@ -379,5 +379,7 @@ def test_a_crs_that_was_given_for_the_mesh_is_given_again(olinda):
 
 def test_a_raster_without_a_valid_pixel_in_the_mesh_is_refused(mesh):
     blank = np.ma.masked_all((mesh.grid.height, mesh.grid.width), np.uint8)
-    with pytest.raises(EmptyError, match=r"no valid pixel of the array is in a triangle, .*; use the raster"):
+    with pytest.raises(
+        EmptyError, match=r"no valid pixel of the array is in a triangle, .*; use the raster"
+    ):
         mesh.psnr((blank, mesh.grid.transform, mesh.grid.crs), bidx=[1])
