@@ -30,7 +30,10 @@ def fill_invalid(image: Gray, valid: NDArray[np.bool_]) -> Gray:
 
 
 def sobel_enhance(gray: Gray) -> Gray:
-    """Return the Sobel magnitude, saturate(0.5 |gx| + 0.5 |gy|), of an 8-bit image (H, W)."""
+    """Return the Sobel magnitude of an 8-bit image (H, W).
+
+    It is ``0.5 abs(gx) + 0.5 abs(gy)``, at most 255.
+    """
     gx = cv2.convertScaleAbs(cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=3))
     gy = cv2.convertScaleAbs(cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=3))
     return cv2.addWeighted(gx, 0.5, gy, 0.5, 0).astype(np.uint8, copy=False)

@@ -73,7 +73,7 @@ def _finish(
     sqlite3.Error
         If the disk is full.
     """
-    from xml.sax.saxutils import escape  # imports urllib, which would slow down every --help
+    from xml.sax.saxutils import escape  # imports urllib: --help should not wait for it
 
     # No other program uses this temporary file, so it needs no journal; it is flushed later.
     with closing(sqlite3.connect(path, isolation_level=None)) as database:

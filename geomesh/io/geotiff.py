@@ -101,7 +101,7 @@ def find_style(scene: Scene) -> Style:
         dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
     metadata: dict[str, Sequence[Any]] = {}
     if not isinstance(scene.source, Excerpt):
-        with scene.lend() as dataset:
+        with scene.borrow() as dataset:
             if palette(dataset) is not None:
                 return Style(dtype, None, {"colorinterp": _COLORS})
             positions = [band.index - 1 for band in scene.bands]

@@ -56,9 +56,9 @@ def certify(
         Whether triangles should be counter-clockwise in (x, y) pixel coordinates.
     domain : DomainFacts
     pixels : PixelCounts, optional
-        Pixels that the band statistics counted; None for a mesh made without a raster.
+        What the band statistics counted; None for a mesh without a raster.
     edges : Edges, optional
-        The edges of the triangles, if they have been computed already.
+        The edges of the triangles, if they are known.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:

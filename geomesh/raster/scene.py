@@ -160,11 +160,11 @@ class Scene:
         else:
             # Decimated windows do not overlap, so threads need not share blocks. But if the
             # whole scene fits into the cache of one handle, share it: later reads use it too.
-            with self.lend(shared=shape is None or self._fits_cache) as dataset:
+            with self.borrow(shared=shape is None or self._fits_cache) as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
         return bands, self._narrowed(bands, valid, there)
 
-    def lend(self, *, shared: bool = True) -> AbstractContextManager[rasterio.DatasetReader]:
+    def borrow(self, *, shared: bool = True) -> AbstractContextManager[rasterio.DatasetReader]:
         """Return a context that yields the rasterio dataset, for one thread at a time."""
         if isinstance(self.source, Excerpt):
             raise TypeError(f"{self.name} is an array, not a dataset")
