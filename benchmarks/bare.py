@@ -136,7 +136,7 @@ def statistics(scene_path: Path, kept: Kept) -> Timed:
 
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.raster.open import open_scene
-    from geomesh.zonal.kernels import collect_pixels, find_moments
+    from geomesh.zonal.kernels import blend_pixels, collect_pixels, find_moments
     from geomesh.zonal.tile_mesh import split_by_tiles
 
     def run(part: Any, bands: Any, valid: Any, tile: Any) -> None:
@@ -147,9 +147,11 @@ def statistics(scene_path: Path, kept: Kept) -> Timed:
         box = np.array([core.row, core.stop_row, core.col, core.stop_col])
         collect_pixels(part.nodes, part.triangles, valid, origin, box, pixels, stops, members)
         moments, values = np.zeros((4, count)), np.empty(valid.size)
+        blended = np.empty(len(part.nodes))
         for band in bands:
             values.reshape(valid.shape)[:] = band
             find_moments(values, members, stops, moments)
+            blend_pixels(part.nodes, values, valid, origin, blended)
 
     mesh, scene = kept.load(kept.mesh), open_scene(scene_path)
     tiles = plan_tiles(scene.grid.extent, halo=1)

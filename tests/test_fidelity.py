@@ -358,7 +358,7 @@ def test_palettes_are_compared_as_colours(tmp_path):
             349,
             Affine.identity(),
             "EPSG:32725",
-            "EPSG:31985 and the array in EPSG:32725: name",
+            "EPSG:31985 and the array in EPSG:32725: use the raster",
         ),
         (349, Affine.identity(), None, "is in EPSG:31985 and the array in no CRS: .*`crs`"),
     ],
@@ -379,5 +379,7 @@ def test_a_crs_that_was_given_for_the_mesh_is_given_again(olinda):
 
 def test_a_raster_without_a_valid_pixel_in_the_mesh_is_refused(mesh):
     blank = np.ma.masked_all((mesh.grid.height, mesh.grid.width), np.uint8)
-    with pytest.raises(EmptyError, match=r"no valid pixel of the array is in a triangle: .* name"):
+    with pytest.raises(
+        EmptyError, match=r"no valid pixel of the array is in a triangle, .*; use the raster"
+    ):
         mesh.psnr((blank, mesh.grid.transform, mesh.grid.crs), bidx=[1])

@@ -101,7 +101,7 @@ def test_arrays_have_the_types_of_the_design() -> None:
 
 @pytest.mark.parametrize("table", ["node_table", "triangle_table"])
 def test_a_table_of_another_length_is_refused(table: str, mesh: Mesh) -> None:
-    with pytest.raises(ValueError, match="a table of 3 rows"):
+    with pytest.raises(ValueError, match="a table has 3 rows"):
         replace(mesh, **{table: Table({"a": [1, 2, 3]})})
 
 

@@ -154,7 +154,7 @@ def _ends(triangles: Triangles, t: NDArray[np.integer], k: NDArray[np.integer]) 
 
 
 def _facing(triangles: Triangles, t: NDArray[np.integer], ends: Ids) -> NDArray[np.intp]:
-    """Return the corner of each triangle that is no end of the side `ends` (K, 2)."""
+    """Return the corner of each triangle `t` that is opposite to its side `ends` (K, 2)."""
     corners = triangles[t]
     facing: NDArray[np.intp] = ((corners != ends[:, :1]) & (corners != ends[:, 1:])).argmax(axis=1)
     return facing

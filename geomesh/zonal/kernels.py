@@ -114,16 +114,20 @@ def find_moments(values: Floats, members: Ids, stops: Counts, moments: Floats) -
 def blend_pixels(
     points: Points, values: Floats, valid: Mask, origin: NDArray[np.int64], blended: Floats
 ) -> None:
-    """Set values at points: bilinear between the four pixel centres around each.
+    """Compute values at points, interpolated bilinearly between the four pixels around each.
 
-    The weights of pixels that are not valid, or beyond the image, go to the others. Values
-    are taken relative to one of them, so that among equal pixels the value is theirs to the
-    last bit. Without a valid pixel it is NaN.
+    Pixels that are not valid, or outside the image, have no weight; the others get more.
+    Values are computed relative to one of the pixels: if all are equal, the result is equal
+    to them to the last bit. Without a valid pixel the result is NaN.
 
     Parameters
     ----------
+    points : float64 (P, 2)
+        Pixel-edge coordinates.
     values : float64 (h * w,)
-        Of the pixels of `valid` (h, w), which begins at the pixel `origin` (row, col).
+        Values of the pixels of `valid` (h, w), whose first pixel is `origin` (row, col).
+    blended : float64 (P,)
+        Output.
     """
     height, width = valid.shape
     for p in range(len(points)):

@@ -166,9 +166,9 @@ def measure_tile(
     box = np.array([core.row, core.stop_row, core.col, core.stop_col])
     collect_pixels(nodes, triangles[near], valid, origin, box, pixels, stops, members)
     count = np.diff(stops, prepend=0)
-    mine = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
-    points = nodes[mine]
-    moments, node_values = np.zeros((len(bands), 4, len(near))), np.empty((len(bands), len(mine)))
+    held = np.flatnonzero(_inside(nodes, window, core)).astype(np.int32)
+    points = nodes[held]
+    moments, node_values = np.zeros((len(bands), 4, len(near))), np.empty((len(bands), len(held)))
     values = np.empty(valid.size)
     for band, found, blended in zip(bands, moments, node_values, strict=True):
         values.reshape(valid.shape)[:] = band
@@ -176,15 +176,15 @@ def measure_tile(
         blend_pixels(points, values, valid, origin, blended)
     without = near[count == 0]
     centroids = nodes[triangles[without]].mean(axis=1)
-    held = _inside(centroids, window, core)
+    inside = _inside(centroids, window, core)
     return TilePartial(
         index=near,
         pixels=pixels,
         count=count,
         moments=moments.swapaxes(0, 1),
-        centroid_index=without[held],
-        centroid_values=sample(centroids[held, 0], centroids[held, 1], bands, valid, window),
-        node_index=mine,
+        centroid_index=without[inside],
+        centroid_values=sample(centroids[inside, 0], centroids[inside, 1], bands, valid, window),
+        node_index=held,
         node_values=node_values,
     )
 
