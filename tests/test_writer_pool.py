@@ -17,7 +17,7 @@ from geomesh.io.gdal_process import WriterPool
 from geomesh.io.read import read_mesh
 from geomesh.io.write import open_writer, write_mesh
 from geomesh.parallel import processes
-from geomesh.parallel.processes import _PACKAGES as PACKAGES
+from geomesh.parallel.processes import _FOLDER as FOLDER
 from geomesh.parallel.processes import Process
 from support.files import assert_same, hidden
 from support.meshes import random_mesh
@@ -120,8 +120,8 @@ def test_the_program_is_found_wherever_the_package_lies(
     folder = tmp_path / "it's here"
     folder.mkdir()
     (folder / "elsewhere.py").write_text("def main(): print('found', flush=True)")
-    monkeypatch.setattr(processes, "_PACKAGES", str(folder))
+    monkeypatch.setattr(processes, "_FOLDER", str(folder))
     process = Process("elsewhere", quiet=True)
     assert process.answers.readline().split() == [b"found"]
     process.end()
-    assert Path(geomesh.__file__).is_relative_to(PACKAGES)
+    assert Path(geomesh.__file__).is_relative_to(FOLDER)
