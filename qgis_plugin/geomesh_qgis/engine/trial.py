@@ -1,4 +1,4 @@
-"""Try a geomesh out: any answers, but only a mesh shows that its libraries work. No Qt."""
+"""Test a geomesh by making a mesh. Its version alone does not show that its libraries work."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _TOLD = ("--progress", "jsonl", "--until-eof")
 
 
 def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lambda: False) -> str:
-    """Make a mesh of a tiny raster, and return the version of geomesh.
+    """Make a mesh of a tiny raster, and return the version of geomesh. Needs no Qt.
 
     Raises
     ------
     Cancelled
-        If it was stopped.
+        If the test was cancelled.
     EnvironmentProblem
-        If there is no mesh, or geomesh does not understand coordinate systems.
+        If there is no mesh, or if geomesh cannot use coordinate reference systems.
     """
     warnings: list[str] = []
     with tempfile.TemporaryDirectory(prefix="geomesh-test-") as folder:
@@ -59,7 +59,7 @@ def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lam
 
 
 def write_test_raster(folder: Path) -> Path:
-    """Write a georeferenced image of 48 x 48 pixels that has features to find."""
+    """Write a georeferenced image of 48 x 48 pixels that contains features."""
     size = 48
 
     def pixel(row: int, col: int) -> int:
