@@ -176,7 +176,7 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
 def keep_style(layer: QgsMapLayer) -> None:
     """Save the style of a layer with its data."""
     if isinstance(layer, QgsVectorLayer) and is_geopackage(layer.source().partition("|")[0]):
-        # In QGIS 3.44, the other method causes a deprecation warning.
+        # In QGIS 3.44, saveStyleToDatabase causes a deprecation warning.
         save = getattr(layer, "saveStyleToDatabaseV2", layer.saveStyleToDatabase)
         save(STYLE, "By geomesh", True, "")
     else:
