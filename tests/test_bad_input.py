@@ -49,7 +49,7 @@ def vector(
         with warnings.catch_warnings():
             warnings.simplefilter(
                 "ignore", UserWarning
-            )  # that there is no CRS, where none is meant
+            )  # the CRS is missing on purpose
             gpd.GeoDataFrame(geometry=list(shapes), crs=crs).to_file(folder / name)
         return {"mask": str(folder / name)}
 
@@ -286,7 +286,7 @@ NO_OBJECTS: dict[str, tuple[Open, str]] = {
     "list of paths": (lambda folder, _stack: [write_raster(folder)], r"\(array, transform, crs\)"),
 }
 
-# Sources from above, as GeoJSON output: None if a mesh is expected, or else the error.
+# Sources from above, written as GeoJSON: None if this must work, or else the expected error.
 AS_GEOJSON: dict[str, str | None] = {
     "geographic": None,
     "rotated": None,

@@ -126,7 +126,7 @@ def test_one_bad_file_does_not_stop_the_batch(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("sources", [[OLINDA], [OLINDA, ROTATED]], ids=["one", "a batch"])
 def test_a_mask_is_read_by_a_program_that_has_loaded_nothing_before(tmp_path, sources):
-    """The mask is read and the mesh is written with the same library, loaded in a good order."""
+    """Reading the mask and writing use the same library, and the import order works."""
     with rasterio.open(OLINDA) as dataset:
         area = shapely.box(*dataset.bounds).buffer(-3000)
         gpd.GeoSeries([area], crs=dataset.crs).to_file(tmp_path / "aoi.gpkg")

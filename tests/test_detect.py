@@ -311,7 +311,7 @@ def test_thresholds_are_found_where_data_are_sparse(large):
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [1.5, 20])
 def test_little_is_remembered_of_the_edges_around_keypoints(large, distance):
-    """Only edges that other tiles can change are kept, not all within the distance."""
+    """Only edges that other tiles can change are kept, not all around each keypoint."""
     image, recipe = (
         ArrayGray.whole(large, np.ones(large.shape, bool)),
         Recipe(edge_distance=distance),

@@ -163,7 +163,7 @@ def test_a_kernel_takes_what_its_signature_says_and_nothing_else() -> None:
     values.flags.writeable = False
     compiled(values, sums)
     assert sums.tolist() == [0, 2, 4]
-    compiled(np.arange(3.0), sums)  # the caller can write to `sums`, and the kernel only reads it
+    compiled(np.arange(3.0), sums)  # a writable array is accepted as input
     with pytest.raises(TypeError, match="No matching definition"):
         compiled(np.arange(3), sums)
     with pytest.raises(TypeError, match="No matching definition"):

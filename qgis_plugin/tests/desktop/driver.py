@@ -120,7 +120,7 @@ def options_page() -> QWidget | None:
 
 
 def canvas_is_still() -> Callable[[], bool]:
-    """Return a function that tells whether the map was drawn at least half a second ago."""
+    """Return a function that tells whether the map has not been drawing for half a second."""
     canvas = iface.mapCanvas()
     canvas.refresh()
     busy = time.monotonic()
