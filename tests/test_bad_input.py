@@ -47,9 +47,7 @@ def vector(
 
     def make(folder: Path) -> dict[str, Any]:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # the CRS is missing on purpose
+            warnings.simplefilter("ignore", UserWarning)  # the CRS is missing on purpose
             gpd.GeoDataFrame(geometry=list(shapes), crs=crs).to_file(folder / name)
         return {"mask": str(folder / name)}
 

@@ -2,7 +2,7 @@
 
 The search order is: the plugin's setting, GEOMESH_PYTHON, `geomesh` on PATH, the environment
 that the plugin created (`installing.py`). If the user specified a geomesh and it does not work,
-this is an error. The plugin never ignores it and uses another one.
+this is an error: the plugin does not use another one instead.
 """
 
 from __future__ import annotations

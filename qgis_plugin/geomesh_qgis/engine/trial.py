@@ -1,4 +1,4 @@
-"""Test a geomesh by making a mesh. Its version alone does not show that its libraries work."""
+"""Test a geomesh by making a mesh, because its version does not show that it works. No Qt."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TOLD = ("--progress", "jsonl", "--until-eof")
 
 
 def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lambda: False) -> str:
-    """Make a mesh of a tiny raster, and return the version of geomesh. Needs no Qt.
+    """Make a mesh of a tiny raster, and return the version of geomesh.
 
     Raises
     ------
