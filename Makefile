@@ -1,5 +1,5 @@
-# make demo, test and docs work on a machine with python3 (3.11 or newer) and git:
-# they build the virtual environment that they need.
+# make demo, test and docs need only python3 (3.11 or newer) and git. They create the virtual
+# environment that they use.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -68,8 +68,8 @@ test: $(BIN)/.developing
 test-fast: $(BIN)/.developing
 	$(BIN)/python -m pytest --numprocesses auto --dist loadgroup -m "not slow"
 
-# The loops over arrays that numba compiles, with every index checked. In a cache of their own:
-# two cores compile for a minute, and nothing else needs that code.
+# The compiled loops of numba, with a check of every array index. They have their own cache,
+# because compiling takes a minute on two cores and no other target needs that code.
 test-bounds: $(BIN)/.developing
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR="$(abspath build)/bounds-checked" $(BIN)/python -m pytest \
 		--numprocesses auto $(KERNEL_TESTS)
@@ -89,7 +89,7 @@ $(BIN)/.documenting: $(BIN)/.installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --group docs
 	@touch $@
 
-# All of it anew: pages that are no more must not stay, and the tutorial runs in any case.
+# Build everything again: this removes old pages, and the tutorial must run in any case.
 docs: $(BIN)/.documenting
 	@rm -rf $(SITE)
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --nitpicky docs $(SITE)
@@ -105,7 +105,7 @@ bench-scale: $(BIN)/.developing
 plugin: $(BIN)/.installed
 	@$(BIN)/python qgis_plugin/build.py
 
-# Fails at once and says what is missing: a plugin whose tests are skipped is not tested.
+# Stops at once and says what is missing, because skipped tests would not test the plugin.
 qgis-is-there:
 	@$(QGIS_PYTHON) -c 'import ensurepip, qgis.core' 2>/dev/null || { \
 		echo "$(QGIS_PYTHON) does not see QGIS: apt-get install --no-install-recommends" \
@@ -118,7 +118,7 @@ $(QGIS_VENV)/.installed: qgis_plugin/requirements-test.txt | qgis-is-there
 	$(QGIS_VENV)/bin/python -m pip install --quiet --no-deps PyQt6==6.8.1  # read, never imported
 	@touch $@
 
-# A profile and a runtime folder of its own: the tests neither see nor change yours.
+# The tests have their own profile and runtime folder. They do not read or change yours.
 test-qgis: qgis-is-there $(BIN)/.installed $(QGIS_VENV)/.installed
 	@rm -rf qgis_plugin/.qgis-settings
 	@runtime=$$(mktemp -d) && trap 'rm -rf "$$runtime"' EXIT && \

@@ -1,4 +1,4 @@
-"""Configuration of Sphinx, with which `make docs` builds the site from this folder."""
+"""Configuration of Sphinx. `make docs` builds the site from this folder with it."""
 
 import os
 import sys
@@ -9,7 +9,7 @@ import geomesh
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
 
-# The tutorial runs in the Python that builds the site, and prints only errors.
+# The notebook of the tutorial uses the Python that builds the site, and prints only errors.
 os.environ["JUPYTER_PATH"] = str(HERE / "_jupyter")
 os.environ.pop("MPLBACKEND", None)
 
@@ -26,25 +26,25 @@ extensions = [
     "mathml",
     "parameters",
 ]
-default_role = "code"  # for single backquotes in docstrings
+default_role = "code"  # for text in single backquotes in docstrings
 exclude_patterns = ["_extensions", "_jupyter"]
 nitpicky = True
 
-# The pages are Markdown, so that the web view of the repository can show them, too.
+# The pages are Markdown, so that the website of the repository can show them too.
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}
 myst_enable_extensions = ["dollarmath"]
-# Commands are shown with their output or comments: no language highlights that well.
+# Command blocks also contain output or comments, so highlighting as a language does not work.
 highlight_language = "none"
-smartquotes = False  # they would turn the two hyphens of an option into a dash
+smartquotes = False  # without this, the two hyphens of an option become a dash
 
-# The tutorial runs in every build: an outdated page would be worse than a slow build.
+# The tutorial runs in every build. This is slow, but the page is never outdated.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_merge_streams = True
 nb_ipywidgets_js = {}
 
-autodoc_typehints = "none"  # docstrings give the types, with shapes and units
+autodoc_typehints = "none"  # docstrings contain the types, with shapes and units
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False

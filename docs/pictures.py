@@ -46,7 +46,7 @@ def main() -> None:
 
 
 def draw_hero() -> None:
-    """Draw one scene, from left to right: pixels, pixels with the mesh's edges, triangles."""
+    """Draw a scene in three panels: its pixels, the same with the mesh's edges, its triangles."""
     found = run_stages(
         open_scene(SAMPLES / "iguacu_landsat8_rgb_uint16.tif"), geomesh.Recipe(), silent
     )
@@ -142,12 +142,12 @@ def mesh_colors(mesh: geomesh.Mesh) -> NDArray[Any]:
 
 
 def bright(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (0 to 255 or 0 to 1) from 0 to 1, brightened as in `Mesh.plot`."""
+    """Scale colours (0 to 255 or 0 to 1) to 0 to 1, brightened as in `Mesh.plot`."""
     return np.clip(colors / max(np.percentile(colors, 99), 0.01), 0, 1)
 
 
 def keep(figure: Figure, name: str, dpi: int = 110) -> None:
-    """Save a figure for the documentation, with 256 colours to keep the file small."""
+    """Save a figure for the documentation. It has 256 colours, so that the file is small."""
     figure.savefig(IMAGES / f"{name}.png", dpi=dpi, bbox_inches="tight", pad_inches=0.01)
     picture = Image.open(IMAGES / f"{name}.png").convert("RGB")
     picture.quantize(256, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)

@@ -15,16 +15,16 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PLUGIN = HERE / "geomesh_qgis"
 
-# What a plugin is made of. Another kind of file stops the build: it is a leftover, or it belongs
-# in this list.
+# The types of the plugin's files. A file of another type stops the build: either it is there by
+# mistake, or its type is missing in this list.
 WANTED = {".py", ".txt", ".svg", ".png", ".ui", ".qml", ".md", ".html", ".json", ".qm", ".ipynb"}
 
-# The time of every entry: the zip depends on nothing but what it holds.
+# The time of every entry. It is constant: the zip depends only on the content of its files.
 TIMESTAMP = (2020, 2, 2, 0, 0, 0)
 
 
 def versions() -> tuple[str, str]:
-    """Give the versions of the plugin and of the library."""
+    """Return the versions of the plugin and of the library."""
     metadata = configparser.ConfigParser(interpolation=None)
     metadata.read(PLUGIN / "metadata.txt", encoding="utf-8")
     library = re.search(r'"(.+)"', (ROOT / "geomesh/_version.py").read_text().split("=")[1])
@@ -32,7 +32,7 @@ def versions() -> tuple[str, str]:
 
 
 def plugin_files() -> list[Path]:
-    """List the files of the plugin, sorted."""
+    """Return the files of the plugin, sorted."""
     files = []
     for path in sorted(PLUGIN.rglob("*")):
         inside = path.relative_to(PLUGIN)
@@ -45,7 +45,7 @@ def plugin_files() -> list[Path]:
 
 
 def build_wheel(folder: str) -> Path:
-    """Build the wheel of geomesh alone, without what it depends on."""
+    """Build the wheel of geomesh only, without its dependencies."""
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder]
     subprocess.run([*command, str(ROOT)], check=True)
     (wheel,) = Path(folder).glob("geomesh_toolkit-*.whl")
@@ -53,7 +53,7 @@ def build_wheel(folder: str) -> Path:
 
 
 def pack(target: Path, wheel: Path) -> None:
-    """Write the zip, the same bytes for the same content."""
+    """Write the zip. The same content always gives the same bytes."""
     content = {path.relative_to(PLUGIN).as_posix(): path for path in plugin_files()}
     content[f"wheel/{wheel.name}"] = wheel
     if not (PLUGIN / "LICENSE").exists():

@@ -1,4 +1,4 @@
-"""Fixtures that several test files share, and settings of all tests."""
+"""Fixtures that several test files share, and settings for all tests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-# Timing on shared machines says nothing; the first example of a kernel compiles it.
+# No deadline: shared machines have no reliable timing, and the first call of a kernel compiles it.
 settings.register_profile(
     "geomesh", deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=60
 )
@@ -53,7 +53,7 @@ def olinda() -> Path:
 
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Geomesh:
-    """The command line in this process; what C libraries print is seen as well."""
+    """Runs the command line in this process. It also captures what C libraries print."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     monkeypatch.setattr(sys, "argv", sys.argv)
 
@@ -73,11 +73,11 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
-    """A folder where 200 kB can be written, and options to run a program with.
+    """A folder with room for 200 kB, and the options to run a program with it.
 
-    A disk of that size where one may be mounted, else a limit on the size of files.
+    If it is allowed, a disk of that size is mounted. Otherwise the size of files is limited.
     """
-    import resource  # not on Windows
+    import resource  # not available on Windows
 
     folder = tmp_path / "disk"
     folder.mkdir()

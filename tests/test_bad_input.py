@@ -1,11 +1,11 @@
-"""Bad input is normal input: whatever file is given, a sound mesh or one line that helps.
+"""Bad input is normal: each file gives a valid mesh or a helpful error of one line.
 
-Every case is a real file, and goes through the library and through the command
-line. It ends in one of two ways:
+Every case is a real file. It is tested with the library and with the command line, and has one of
+two results:
 
-- a mesh that passes its certificate, with exactly the warnings expected;
-- a GeomeshError whose text is one line that names the culprit, what is wrong with
-  it and the way out; on the command line, exit code 1 and nothing else changed.
+- a mesh that passes its certificate, with exactly the expected warnings;
+- a GeomeshError with a text of one line, which names the source or option, says what is wrong and
+  how to correct it. On the command line, the exit code is 1 and no file is changed.
 """
 
 from __future__ import annotations
@@ -43,13 +43,11 @@ from support.rasters import COLS, MARS, NORTH_UP, ROWS, SIZE, UTM, picture, rast
 def vector(
     *shapes: Any, name: str = "aoi.gpkg", crs: Any = UTM
 ) -> Callable[[Path], dict[str, Any]]:
-    """Return what writes a mask and returns the option that names it."""
+    """Return a function that writes a mask and returns the option for it."""
 
     def make(folder: Path) -> dict[str, Any]:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # that there is no CRS, where none is meant
+            warnings.simplefilter("ignore", UserWarning)  # the CRS is missing on purpose
             gpd.GeoDataFrame(geometry=list(shapes), crs=crs).to_file(folder / name)
         return {"mask": str(folder / name)}
 
@@ -57,7 +55,7 @@ def vector(
 
 
 def file_option(name: str, content: str) -> Callable[[Path], dict[str, Any]]:
-    """Return what writes a text file that is given as a mask."""
+    """Return a function that writes a text file and returns the option to use it as a mask."""
     return lambda folder: {"mask": text_file(name, content)(folder)}
 
 
@@ -79,7 +77,7 @@ def bounds(west: float, south: float, east: float, north: float, **rest: Any) ->
 
 
 def setting(name: str, value: Any, **rest: Any) -> Case:
-    """A value of the recipe, refused under its name unless `rest` says otherwise."""
+    """Return a case with a recipe value. Unless `rest` says otherwise, the error names it."""
     return Case(raster(), {name: value}, **({"refused": name, "names": name} | rest))
 
 
@@ -209,7 +207,7 @@ OPTIONS: dict[str, Case] = {
 CASES = SOURCES | OPTIONS
 
 
-# What only the library takes: callables that get a folder and an ExitStack.
+# Sources for the library only: callables that get a folder and an ExitStack.
 Open = Callable[[Path, ExitStack], Any]
 
 
@@ -286,7 +284,7 @@ NO_OBJECTS: dict[str, tuple[Open, str]] = {
     "list of paths": (lambda folder, _stack: [write_raster(folder)], r"\(array, transform, crs\)"),
 }
 
-# Sources of above as GeoJSON: None if it must work, or else how it is refused.
+# Sources from above, written as GeoJSON: None if this must work, or else the expected error.
 AS_GEOJSON: dict[str, str | None] = {
     "geographic": None,
     "rotated": None,
@@ -305,7 +303,7 @@ AS_GEOJSON: dict[str, str | None] = {
     "half a pixel beyond the poles": "nodes have none: leave them out with --bounds or --mask",
 }
 
-# Wrong usage: exit code 2, before anything is looked at. SRC is a raster.
+# Wrong usage: exit code 2, before any file is read. SRC is a raster.
 USAGE: dict[str, Sequence[str]] = {
     "bands that are no numbers": ("SRC", "--bidx=red"),
     "bands with a gap": ("SRC", "--bidx=1,,2"),
@@ -335,11 +333,11 @@ RECIPES: dict[str, tuple[bytes | None, str]] = {
 }
 
 
-# --------------------------------------------------------------------- how to check
+# --------------------------------------------------------------------- checks
 
 
 def mesh_of(source: Any, options: Mapping[str, Any]) -> tuple[geomesh.Mesh, list[str]]:
-    """Return the mesh and what was warned of; no library may warn in geomesh's place."""
+    """Return the mesh and its warnings. All warnings must come from geomesh."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -350,7 +348,7 @@ def mesh_of(source: Any, options: Mapping[str, Any]) -> tuple[geomesh.Mesh, list
 
 
 def assert_warned(told: Sequence[str], patterns: Sequence[str]) -> None:
-    """Each message fits a pattern, and each pattern (that is not optional: "|^$") is met."""
+    """Check that each message matches a pattern and each pattern a message ("|^$": optional)."""
     unexpected = [text for text in told if not any(re.search(p, text) for p in patterns)]
     missed = [p for p in patterns if not any(re.search(p, text) for text in (*told, ""))]
     assert (unexpected, missed) == ([], [])
@@ -358,7 +356,7 @@ def assert_warned(told: Sequence[str], patterns: Sequence[str]) -> None:
 
 
 def assert_sound(mesh: geomesh.Mesh, valid: int | None = None) -> None:
-    """The certificate holds, and what it says is true on the map and of the pixels too."""
+    """Check the certificate, and check its statements again on the map and with the pixels."""
     certificate = mesh.certify()
     assert [check for check in certificate.checks if not check.passed] == []
     assert len(mesh.triangles) >= 1
@@ -371,11 +369,11 @@ def assert_sound(mesh: geomesh.Mesh, valid: int | None = None) -> None:
         assert mesh.triangle_table["count"].sum() == mesh.domain.valid_pixels
     areas = mesh.attributes("triangles")["area"]
     assert np.isfinite(areas).all()
-    assert areas.min() >= 0 < areas.sum()  # two corners may be one pole
+    assert areas.min() >= 0 < areas.sum()  # two corners may be at the same pole
 
 
 def assert_helpful(text: str, case: Case, source: Any, *, of_command: bool = True) -> None:
-    """One line that fits the case; where the command says --nodata, the library says `nodata`."""
+    """Check that the error is one line and fits the case. The library writes `x` for --x."""
     assert case.refused is not None
     refused = case.refused if of_command else re.sub(r"--(\w+)", r"`\1`", case.refused)
     assert len(text.splitlines()) == 1
@@ -384,7 +382,7 @@ def assert_helpful(text: str, case: Case, source: Any, *, of_command: bool = Tru
 
 
 def arguments(options: Mapping[str, Any]) -> list[str]:
-    """The options of mesh_raster as the command line has them."""
+    """Convert options of mesh_raster to arguments of the command line."""
     found = []
     for name, value in options.items():
         if name == "bidx":
@@ -443,7 +441,7 @@ def test_command_line_writes_a_mesh_or_changes_nothing(
 def test_info_refuses_what_cannot_be_meshed(tmp_path: Path, case: Case, command: Geomesh) -> None:
     source, _ = case.prepare(tmp_path / "in")
     before = snapshot(tmp_path)
-    # It has no options that would help, so it says what the library does.
+    # `geomesh info` does not have the options that would help, so the text is the library's.
     assert_helpful(command("info", source).error(), case, source, of_command=False)
     assert snapshot(tmp_path) == before
 

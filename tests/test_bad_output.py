@@ -1,7 +1,6 @@
-"""Bad places for the output, full disks and broken-off runs: all or nothing is written.
+"""Bad output paths, full disks and interrupted runs: either everything or nothing is written.
 
-The command line is run as a program of its own wherever the process itself
-matters: signals, limits, pipes.
+If signals, limits or pipes of the process are tested, the command line runs as a separate program.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from support.rasters import NORTH_UP, UTM, picture, write_raster
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# Where to write, beside the raster "scene.tif": OUT, further arguments, and how it is refused.
+# Where to write, beside the raster "scene.tif": OUT, more arguments, and the expected error.
 PLACES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "missing folder": ("no/mesh.gpkg", (), "folder of .*no/mesh.gpkg does not exist; create it"),
     "folder that is a file": ("scene.tif/mesh.gpkg", (), "does not exist; create it"),
@@ -188,7 +187,7 @@ def test_names_that_are_no_line_of_text_are_told_in_one(
     assert snapshot(tmp_path) == before
 
 
-# ---------------------------------------------------------------- programs of their own
+# ---------------------------------------------------------------- separate programs
 
 
 @pytest.mark.slow
@@ -207,7 +206,7 @@ def test_full_disk_is_told_in_one_line(
 
 
 def test_program_tells_errors_in_one_line(tmp_path: Path) -> None:
-    """As a user sees it: what the libraries print is not caught by any test here."""
+    """The program prints what a user sees. No test fixture captures the text of libraries."""
     source = Path(write_raster(tmp_path, data=picture(3, 600, 700), tiled=True, compress="deflate"))
     source.write_bytes(source.read_bytes()[:200_000])
     before = snapshot(tmp_path)
@@ -218,13 +217,13 @@ def test_program_tells_errors_in_one_line(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A raster of several tiles, whose mesh takes a while to write."""
+    """A raster of several tiles. Writing its mesh takes some time."""
     folder = tmp_path_factory.mktemp("scene")
     return write_raster(folder, data=picture(3, 1200, 1200), photometric="rgb")
 
 
 def stop_when(message: str, number: int, source: str, output: Path) -> Run:
-    """Run until it reports `message`, send it a signal, and return how it ended."""
+    """Run until the message `message` appears, send a signal, and return the result."""
     process = subprocess.Popen(
         [*PROGRAM, "mesh", source, "-o", str(output), "--overwrite", "--progress=jsonl"],
         stdout=subprocess.PIPE,
@@ -270,7 +269,7 @@ def test_stopped_run_leaves_the_old_file_and_nothing_else(
 
 @pytest.mark.slow
 def test_interrupt_at_any_moment_of_writing_comes_through(tmp_path: Path, scene: str) -> None:
-    """Not as an error of the library in which it happened to arrive."""
+    """It raises KeyboardInterrupt, not an error of the library that was interrupted."""
     mesh, output = geomesh.mesh_raster(scene), tmp_path / "mesh.gpkg"
     output.write_bytes(OLD)
     delays = [0.001 * 2**k for k in range(10)]
@@ -289,7 +288,7 @@ def test_interrupt_at_any_moment_of_writing_comes_through(tmp_path: Path, scene:
             try:
                 mesh.to_file(output, overwrite=True, progress=begin)
                 signal.setitimer(signal.ITIMER_REAL, 0)
-                break  # written before the alarm
+                break  # it was written before the alarm
             except BaseException as error:
                 outcomes.append(type(error).__name__)
             assert snapshot(tmp_path) == {output.name: OLD}
@@ -306,7 +305,7 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path, scene: str) -> None:
     run = stop_when("Writing", signal.SIGKILL, scene, output)
     assert run.code == -signal.SIGKILL
     assert output.read_bytes() == OLD
-    # What it left behind lies in a hidden folder, and does not disturb the next run.
+    # The killed run leaves only a hidden folder. It does not disturb the next run.
     assert [path.name[:9] for path in tmp_path.iterdir() if path != output] == [".geomesh-"]
     assert run_program("mesh", write_raster(tmp_path), "-o", output, "--overwrite").code == 0
 
@@ -314,7 +313,7 @@ def test_killed_run_leaves_the_old_file(tmp_path: Path, scene: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("style", ["none", "jsonl"])
 def test_reader_of_the_output_may_stop_reading(tmp_path: Path, style: str) -> None:
-    """As in `geomesh mesh ... | head -0`."""
+    """This happens in `geomesh mesh ... | head -0`."""
     source, output = write_raster(tmp_path), tmp_path / "mesh.gpkg"
     reading, writing = os.pipe()
     os.close(reading)
@@ -339,7 +338,7 @@ def test_reader_of_the_output_may_stop_reading(tmp_path: Path, style: str) -> No
 def test_request_to_end_does_not_interrupt_the_cleaning_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    """A broken pipe and, while its folder is removed, a signal: what a killed QGIS gives."""
+    """A killed QGIS causes a broken pipe, and then a signal while the folder is removed."""
     module = shutil if step == "rmtree" else tempfile
     done = getattr(module, step)
 

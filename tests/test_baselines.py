@@ -1,4 +1,4 @@
-"""Baselines: as many distinct nodes as asked for, on valid pixels, where they should be."""
+"""Baselines: the requested number of distinct nodes, on valid pixels, at the right places."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ONES = np.ones((64, 64), np.bool_)
     scope="module", params=["olinda_landsat7_rgb_uint8", "parana_landsat8_rgb_uint16_nodata_edge"]
 )
 def image(request):
-    """A gray image, whole or with much nodata, and which of its pixels are valid."""
+    """A gray image, complete or with much nodata, and its valid pixels."""
     scene = open_scene(SAMPLES / f"{request.param}.tif", bidx=[1])
     bands, valid = scene.read(scene.grid.extent)
     levels = bands[0] * (255 / np.percentile(bands[0], 99.5))
@@ -133,7 +133,7 @@ def test_corners_are_the_corners_of_a_square():
 
 
 def test_error_diffusion_is_as_dense_as_the_second_derivative_is_high():
-    """Waves of one height have a second derivative in proportion to their squared frequency."""
+    """For waves of equal height, the second derivative is proportional to the frequency squared."""
     x = np.arange(256) + 0.5
     slow, fast = (np.sin(2 * np.pi * x / length) for length in (64, 32))
     gray = np.rint(127 + 120 * np.concatenate([slow, fast]))[None].repeat(128, axis=0)
@@ -145,7 +145,7 @@ def test_error_diffusion_is_as_dense_as_the_second_derivative_is_high():
 
 
 def test_error_diffusion_keeps_nodes_apart():
-    """That is what diffusing the error is for: nodes drawn by lot would often be neighbours."""
+    """This is the purpose of error diffusion: random nodes would often be neighbours."""
     x, y = np.meshgrid(np.arange(64), np.arange(64))
     gray = (127 + 120 * np.sin(x / 3) * np.sin(y / 3)).astype(np.uint8)
     points, lots = (place(gray, ONES, 200) for place in (yang_error_diffusion, random_pixels))
@@ -159,7 +159,7 @@ def nearest(points):
 
 
 def test_greedy_insertion_puts_the_next_node_where_the_mesh_errs_most():
-    """In an image without ties, so that it is certain which place that is."""
+    """The image has no ties, so there is exactly one such place."""
     x, y = np.meshgrid(np.arange(40), np.arange(30))
     gray = np.zeros((30, 40), np.uint8)
     for col, row, height in ((7, 4, 250), (31, 22, 200), (22, 9, 140)):

@@ -1,4 +1,4 @@
-"""Many rasters: small ones side by side, outcomes in order, and batches taken up again."""
+"""Batches: small rasters in parallel, results in order, and continued batches."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CHIPS = 6
 
 @pytest.fixture(scope="module")
 def chips(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Small rasters, of which the third is no raster and the fifth has no valid pixel."""
+    """Small rasters. The third is not a raster, and the fifth has no valid pixel."""
     folder = tmp_path_factory.mktemp("chips")
     paths = [folder / f"chip{number}.tif" for number in range(CHIPS)]
     for number, path in enumerate(paths):
@@ -118,7 +118,7 @@ def test_masks_and_bounds_reach_the_processes(chips: list[Path], tmp_path: Path)
         assert (made.grid.width, made.grid.height) == (36, 26)
 
 
-# Batches that are taken up again
+# Continued batches
 
 
 @pytest.fixture
@@ -234,7 +234,7 @@ def test_every_format_is_found_again(chips: list[Path], tmp_path: Path, extensio
     assert mesh(chips[0], "-o", output, "--skip-existing").code == 1
 
 
-# Processes that are stopped or lost
+# Processes that are stopped or killed
 
 
 def children(pid: int) -> list[int]:
@@ -243,7 +243,7 @@ def children(pid: int) -> list[int]:
 
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Rasters that take a moment each."""
+    """Rasters that need some time each."""
     folder = tmp_path_factory.mktemp("many")
     first = write_mirrored(folder / "0.tif", "olinda_landsat7_rgb_uint8.tif", 600, 600)
     paths = [folder / f"{number}.tif" for number in range(1, 12)]

@@ -1,4 +1,4 @@
-"""Certificate: a good mesh passes, and each way to break it fails the right check."""
+"""Certificate: a good mesh passes, and each kind of damage fails the right check."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from geomesh.mesh.provenance import PixelCounts
 from geomesh.mesh.topology import build_edges, neighbours
 from support.geometry import exact_incircle
 
-# What tells the checks apart in their names.
+# Parts of the names of the checks. Each one belongs to one check only.
 NODES = "nodes are finite"
 ORIENTATION = "counter-clockwise"
 MANIFOLD = "every inner edge"
@@ -35,7 +35,7 @@ SIDE = 40
 
 
 class Case(NamedTuple):
-    """A mesh and what is known of it; `_replace` breaks it."""
+    """A mesh with the facts about it. A test changes them with `_replace`."""
 
     nodes: np.ndarray
     triangles: np.ndarray
@@ -70,7 +70,7 @@ def ccw_delaunay(nodes: np.ndarray) -> np.ndarray:
 
 
 def framed(inner: np.ndarray, side: int = SIDE, step: int = 8) -> Case:
-    """Delaunay triangles of points in a square whose frame has a node every `step` pixels."""
+    """Return a Delaunay mesh of a square. Its frame has a node every `step` pixels."""
     line = np.arange(0, side, step)
     frame = np.concatenate(
         [
@@ -90,7 +90,7 @@ def framed(inner: np.ndarray, side: int = SIDE, step: int = 8) -> Case:
 
 
 def random_inner(seed: int, count: int = 60) -> np.ndarray:
-    """Points off the frame, on a lattice of 1/256 pixel."""
+    """Return points inside the frame, on a lattice of 1/256 pixel."""
     return np.random.default_rng(seed).integers(256, (SIDE - 1) * 256, (count, 2)) / 256
 
 
@@ -100,7 +100,7 @@ def good() -> Case:
 
 
 def failed(case: Case) -> set[str]:
-    """Return which checks fail, by the words that tell them apart."""
+    """Return the failed checks, each as a part of its name."""
     names = [check.name for check in case.certify().checks if not check.passed]
     known = (NODES, ORIENTATION, MANIFOLD, AREA, BOUNDARY, EULER, DELAUNAY, PIXELS, ANGLES)
     found = {word for name in names for word in known if word in name}
@@ -119,7 +119,7 @@ def inner_triangle(case: Case) -> int:
 
 
 def flip(triangles: np.ndarray, one: int, corner: int) -> np.ndarray:
-    """Replace the diagonal opposite to a corner of a triangle by the other one."""
+    """Flip the edge opposite to a corner of a triangle."""
     other = neighbours(triangles)[one, corner]
     apex, start, stop = (triangles[one, (corner + k) % 3] for k in range(3))
     (far,) = set(triangles[other].tolist()) - {start, stop}
@@ -129,7 +129,7 @@ def flip(triangles: np.ndarray, one: int, corner: int) -> np.ndarray:
 
 
 def convex_flips(case: Case) -> list[np.ndarray]:
-    """Every mesh that is one flip of an edge in a strictly convex quadrilateral away."""
+    """Return every mesh that differs by one flip in a strictly convex quadrilateral."""
     across = neighbours(case.triangles)
     found = []
     for one, corner in zip(*np.nonzero(across > np.arange(len(across))[:, None]), strict=True):
@@ -139,7 +139,7 @@ def convex_flips(case: Case) -> list[np.ndarray]:
     return found
 
 
-# What passes
+# Meshes that pass
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -161,7 +161,7 @@ def test_the_least_angle_is_that_of_the_law_of_cosines(good: Case) -> None:
     for triangle in good.triangles:
         a, b, c = (
             math.dist(*good.nodes[np.delete(triangle, k)]) for k in range(3)
-        )  # side k lies opposite to corner k
+        )  # side k is opposite to corner k
         for x, y, z in ((a, b, c), (b, c, a), (c, a, b)):
             least = min(least, math.degrees(math.acos((y * y + z * z - x * x) / (2 * y * z))))
     assert good.certify().min_angle == pytest.approx(least, rel=1e-9)
@@ -173,7 +173,7 @@ def test_a_mesh_of_a_flipped_grid_passes_when_it_is_said_so(good: Case) -> None:
 
 
 def lattice(step: int = 8) -> Case:
-    """A square cut into squares, and each of those in two."""
+    """Return a square that is divided into squares, each divided into two triangles."""
     line = np.arange(step, SIDE, step)
     x, y = np.meshgrid(line, line)
     return framed(np.column_stack([x.ravel(), y.ravel()]), step=step)
@@ -183,7 +183,7 @@ def lattice(step: int = 8) -> Case:
 def test_cocircular_grids_pass_whichever_diagonals_they_have(seed: int) -> None:
     case = lattice()
     across = neighbours(case.triangles)
-    # The diagonal of a cell lies opposite to its right angle.
+    # The diagonal of a cell is opposite to its right angle.
     sides = case.nodes[np.roll(case.triangles, 1, axis=1)] - case.nodes[case.triangles]
     corner = (np.abs(sides).min(axis=2) > 0).argmax(axis=1)
     opposite = (corner + 1) % 3
@@ -217,7 +217,7 @@ def test_a_constrained_edge_need_not_be_delaunay(good: Case) -> None:
     flipped = next(m for m in convex_flips(good) if failed(good._replace(triangles=m)))
     before, after = (set(map(tuple, build_edges(t).nodes)) for t in (good.triangles, flipped))
     forced = np.array(sorted(after - before), np.int32)
-    # Only a hull may have constraints besides its outline.
+    # Only a hull may have constraints that are not part of its outline.
     hull = good._replace(triangles=flipped, domain=replace(good.domain, kind="hull", pixels=None))
     unforced = hull._replace(constraints=np.empty((0, 2), np.int32), pixels=None)
     assert failed(unforced) == {DELAUNAY}
@@ -225,9 +225,9 @@ def test_a_constrained_edge_need_not_be_delaunay(good: Case) -> None:
 
 
 def test_a_slit_passes_though_its_long_side_is_not_delaunay() -> None:
-    #  7 ---- 6 3 ---- 2     a slit 30 deep, at most 1 wide; node 4 divides its right
-    #  |       \4      |     side, within every circle through the ends of the left one
-    #  |        5      |     that leaves out 0 and 7
+    #  7 ---- 6 3 ---- 2     a slit with depth 30 and width of at most 1; node 4 divides its
+    #  |       \4      |     right side. It is inside every circle through the ends of the left
+    #  |        5      |     side that does not contain 0 and 7
     #  0 ------------- 1
     nodes = np.array(
         [(0, 0), (40, 0), (40, 40), (20.5, 40), (20.25, 25), (20, 10), (19.5, 40), (0, 40)]
@@ -282,7 +282,7 @@ def test_without_pixel_counts_the_certificate_says_so(good: Case) -> None:
     assert "not checked" in check.detail
 
 
-# What fails
+# Meshes that fail
 
 
 def flipped_triangle(case: Case) -> Case:
@@ -321,12 +321,12 @@ def duplicated_corner_triangle(case: Case) -> Case:
 
 
 def triangle_on_top(case: Case) -> Case:
-    """One more triangle, of nodes that lie apart, over others."""
+    """An additional triangle of distant nodes, which covers other triangles."""
     return case._replace(triangles=np.concatenate([case.triangles, [[0, 5, 10]]]))
 
 
 def fold(case: Case) -> Case:
-    """A node moved across an edge opposite to it."""
+    """A node that is moved across an edge opposite to it."""
     node = inner_node(case)
     one, corner = np.argwhere(case.triangles == node)[0]
     ends = case.nodes[np.delete(case.triangles[one], corner)]
@@ -336,7 +336,7 @@ def fold(case: Case) -> Case:
 
 
 def winds_twice(case: Case) -> Case:
-    """A fan that goes round its centre twice: no triangle is turned, no edge misused."""
+    """A fan that goes around its centre twice. All its triangles and edges are valid."""
     angles = np.arange(12) * (2 * np.pi / 6)
     rim = (
         np.column_stack([np.cos(angles), np.sin(angles)])
@@ -360,7 +360,7 @@ def unused_node(case: Case) -> Case:
 
 
 def duplicate_node(case: Case) -> Case:
-    """Two nodes at one place: the triangles between them have no area."""
+    """Two nodes at the same place: the triangles between them have no area."""
     nodes = case.nodes.copy()
     one = case.triangles[inner_triangle(case)]
     nodes[one[0]] = nodes[one[1]]
@@ -368,12 +368,12 @@ def duplicate_node(case: Case) -> Case:
 
 
 def shuffled_coordinates(case: Case) -> Case:
-    """The same triangles over the same places, in another order."""
+    """The same triangles and the same positions, but in a different order."""
     return case._replace(nodes=np.random.default_rng(1).permutation(case.nodes))
 
 
 def seam(case: Case) -> Case:
-    """Two halves of a square that look joined but have nodes of their own."""
+    """Two halves of a square that touch but do not share nodes."""
     nodes = np.array([(0, 0), (4, 0), (4, 4), (0, 0), (4, 4), (0, 4)], float)
     loop = np.array([(0, 1), (1, 2), (4, 5), (5, 3)], np.int32)
     triangles = np.array([(0, 1, 2), (3, 4, 5)], np.int32)
@@ -432,7 +432,7 @@ def another_area(case: Case) -> Case:
 
 
 BROKEN: list[Any] = [
-    # how, what must fail, what may fail beside it
+    # how it is broken, checks that must fail, other checks that may fail
     (flipped_triangle, {ORIENTATION, MANIFOLD}, {AREA, DELAUNAY, BOUNDARY}),
     (all_clockwise, {ORIENTATION, AREA}, set()),
     (removed_triangle, {AREA, BOUNDARY, EULER}, set()),
@@ -468,7 +468,7 @@ def test_a_broken_mesh_fails_the_right_check(broken, must: set, may: set, good: 
     case = broken(good)
     found = failed(case)
     assert must <= found
-    # Angles add up wrongly wherever triangles are folded, doubled or lost.
+    # The sum of angles is wrong wherever triangles are folded, duplicated or missing.
     assert found <= must | may | ({ANGLES} if len(must - {BOUNDARY, PIXELS, EULER}) else set())
     certificate = case.certify()
     assert not certificate.passed
@@ -499,14 +499,14 @@ def test_a_hull_need_not_be_constrained_but_must_be_covered(good: Case) -> None:
     assert failed(hull) == set()
     dented = removed_border_triangle(hull._replace(pixels=None))
     assert failed(dented) == {AREA, ANGLES}
-    # However small the dent: it is no hull.
+    # Even a very small dent means that it is not a hull.
     assert ANGLES in failed(dented._replace(domain=replace(dented.domain, area=SIDE**2 - 1e-9)))
     assert failed(missing_constraint(hull._replace(pixels=None))) == {BOUNDARY}
     twice = hull._replace(pixels=PixelCounts(SIDE * SIDE, SIDE * SIDE + 1))
     assert failed(twice) == {PIXELS}
 
 
-# Against exact arithmetic
+# Compared with exact arithmetic
 
 
 @st.composite
@@ -525,7 +525,7 @@ def flipped_lattice_meshes(draw: st.DrawFn) -> Case:
 
 
 def exact_counts(case: Case) -> str:
-    """What the check of circumcircles should tell of the inner edges, in whole numbers."""
+    """Return the expected detail of the check of circumcircles, computed exactly."""
     edges = build_edges(case.triangles)
     values = []
     for left, right in zip(edges.left, edges.right, strict=True):

@@ -24,7 +24,7 @@ from support.samples import OLINDA, ROTATED, SAMPLES
 
 
 def run(*arguments, code=0):
-    """Run a command in this process; return what it printed on stdout and stderr."""
+    """Run a command in this process; return its standard output and standard error."""
     result = CliRunner().invoke(cli, [str(a) for a in arguments])
     assert result.exit_code == code, result.output
     return result.stdout, result.stderr
@@ -126,7 +126,7 @@ def test_one_bad_file_does_not_stop_the_batch(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("sources", [[OLINDA], [OLINDA, ROTATED]], ids=["one", "a batch"])
 def test_a_mask_is_read_by_a_program_that_has_loaded_nothing_before(tmp_path, sources):
-    """What reads it and what writes come from the same library, in the order they like."""
+    """Reading the mask and writing use the same library, and the import order works."""
     with rasterio.open(OLINDA) as dataset:
         area = shapely.box(*dataset.bounds).buffer(-3000)
         gpd.GeoSeries([area], crs=dataset.crs).to_file(tmp_path / "aoi.gpkg")
@@ -219,7 +219,7 @@ def test_convert_writes_the_same_mesh_in_another_format(made, tmp_path):
     )
     assert told["results"][0]["nodes"] == 300
     assert len(gpd.read_file(tmp_path / "n.fgb")) == 300
-    run("convert", made, "-o", tmp_path / "n.fgb", code=1)  # it exists
+    run("convert", made, "-o", tmp_path / "n.fgb", code=1)  # the file exists
 
 
 def test_quality_can_be_kept_with_the_mesh(made, tmp_path):
@@ -231,7 +231,7 @@ def test_quality_can_be_kept_with_the_mesh(made, tmp_path):
     path = both
     frame = gpd.read_file(path, layer="triangles")
     for name, values in mesh.quality().table.items():
-        if name != "area":  # on the map, in square metres
+        if name != "area":  # this one is on the map, in square metres
             assert frame[name].to_numpy() == pytest.approx(values, rel=1e-12)
     for name, values in mesh.quality("map").table.items():
         assert frame[f"map_{name}"].to_numpy() == pytest.approx(values, rel=1e-12)
@@ -300,7 +300,7 @@ def test_python_m_geomesh_is_the_command():
 
 
 def test_the_version_comes_with_those_of_the_libraries():
-    """Each wheel brings a GDAL and a PROJ of its own."""
+    """Each wheel contains its own GDAL and PROJ."""
     stdout, _ = run("--version")
     first, *others = stdout.splitlines()
     assert first == f"geomesh, version {geomesh.__version__}"
@@ -323,7 +323,7 @@ def test_the_version_is_told_with_a_library_that_is_broken(monkeypatch):
 
 @pytest.mark.slow
 def test_until_eof_ends_with_the_program_that_started_it(tmp_path):
-    """Standard input that ends stops the work; one that stays open does not."""
+    """The work stops when standard input ends. It continues while standard input is open."""
     arguments = [sys.executable, "-m", "geomesh", "mesh", OLINDA, "--until-eof", "--progress"]
     arguments += ["jsonl", "-o"]
     stopped = subprocess.run(
@@ -335,7 +335,7 @@ def test_until_eof_ends_with_the_program_that_started_it(tmp_path):
     )
     assert stopped.returncode == 143
     told = [json.loads(line) for line in stopped.stdout.splitlines()]
-    # None, if it had not begun yet.
+    # There is no error event if the work had not started yet.
     assert [event["code"] for event in told if event["event"] == "error"] in ([], ["interrupted"])
     assert "result" not in [event["event"] for event in told]
     assert list(tmp_path.iterdir()) == []

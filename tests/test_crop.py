@@ -1,4 +1,4 @@
-"""Extent: a box or an area of interest keeps just the pixels with their centre inside."""
+"""Extent: a box or an area of interest keeps exactly the pixels with their centre inside."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 UTM = "EPSG:32618"
 WIDTH, HEIGHT = 60, 50
-# Pixel (row, col) holds 1000 row + col, so that what is read tells where it was.
+# Pixel (row, col) has the value 1000 row + col, so a value shows the position of its pixel.
 VALUES = (np.arange(HEIGHT)[:, None] * 1000 + np.arange(WIDTH)).astype(np.int32)
 TRANSFORMS = {
     "north-up": Affine(30, 0, 600_000, 0, -30, 4_900_000),
@@ -46,13 +46,13 @@ def open_area(transform: Affine, crs: str | None = UTM, **options: Any) -> Scene
 
 
 def read_valid(scene: Scene) -> np.ndarray:
-    """Return which pixels of the whole raster are valid, told by the values read."""
+    """Return which pixels of the whole raster are valid, found from the values."""
     with scene.open() as reader:
         bands, valid = reader.read(scene.grid.extent)
     rows, cols = np.divmod(bands[0][valid], 1000)
     found = np.zeros(VALUES.shape, bool)
     found[rows, cols] = True
-    # A pixel lies where the grid of the scene says.
+    # Each pixel is where the grid of the scene says.
     row, col = np.nonzero(valid)
     whole = np.column_stack([cols, rows]) - np.column_stack([col, row])
     assert (whole == (scene.window.col, scene.window.row)).all()
@@ -60,21 +60,21 @@ def read_valid(scene: Scene) -> np.ndarray:
 
 
 def centres(transform: Affine) -> tuple[np.ndarray, np.ndarray]:
-    """Map coordinates of the pixel centres."""
+    """Return the map coordinates of the pixel centres."""
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     t = transform
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
 def inside(area: Any, transform: Affine) -> np.ndarray:
-    """Which pixel centres lie in an area, none of them on its border."""
+    """Return which pixel centres are in an area. None may be on its border."""
     x, y = centres(transform)
     assert shapely.distance(area.boundary, shapely.points(x, y)).min() > 1e-3
     return shapely.contains_xy(area, x, y)
 
 
 def on_map(shape: Any, transform: Affine) -> Any:
-    """A shape of pixel-edge coordinates, on the map."""
+    """Return a shape on the map from one in pixel-edge coordinates."""
     t = transform
     return affinity.affine_transform(shape, [t.a, t.b, t.d, t.e, t.c, t.f])
 
@@ -83,7 +83,7 @@ def frame_of(*shapes: Any, crs: str | None = UTM) -> gpd.GeoDataFrame:
     return gpd.GeoDataFrame(geometry=list(shapes), crs=crs)
 
 
-# No pixel centre lies on a border of these.
+# No pixel centre is on a border of these shapes.
 BLOB = shapely.Polygon(
     [(5.3, 8.1), (30.2, 3.3), (51.7, 20.9), (40.1, 44.4), (28.6, 22.2), (9.9, 39.8)]
 )
@@ -170,7 +170,7 @@ def test_bounds_of_a_turned_raster_keep_the_centres_inside(
 ) -> None:
     transform = TRANSFORMS[name]
     west, south, east, north = open_area(transform).grid.bounds()
-    # Off every centre: those have coordinates in multiples of 2.5 m.
+    # The bounds miss all centres, whose coordinates are multiples of 2.5 m.
     box = shapely.box(
         *np.floor([west + x * (east - west), south + y * (north - south)]) + 0.3,
         *np.floor([west + (x + width) * (east - west), south + (y + height) * (north - south)])
@@ -256,7 +256,7 @@ def test_any_polygon_keeps_the_centres_inside(name: str, corners: list) -> None:
         return
     transform = TRANSFORMS[name]
     area = on_map(hull, transform)
-    # Whether a centre on the very border is inside is a matter of rounding.
+    # Rounding decides whether a centre exactly on the border is inside.
     near = shapely.distance(area.boundary, shapely.points(*centres(transform))) < 1e-6
     expected = shapely.contains_xy(area, *centres(transform))
     try:
@@ -331,12 +331,12 @@ def test_a_mask_is_the_same_in_parts_as_in_whole(transform: Affine) -> None:
 @every_transform
 def test_bounds_and_mask_keep_what_is_in_both(transform: Affine) -> None:
     shape = on_map(BLOB, transform)
-    # A box on the map around the middle, its borders off every pixel centre.
+    # A box on the map around the middle. Its borders touch no pixel centre.
     x, y = on_map(shapely.Point(25, 20), transform).coords[0]
     box = shapely.box(x - 300.7, y - 240.3, x + 330.9, y + 270.1)
     found = read_valid(open_area(transform, bounds=box.bounds, mask=frame_of(shape)))
     expected = inside(shape, transform)
-    if transform.b == 0 == transform.d:  # bounds along the axes keep all pixels they touch
+    if transform.b == 0 == transform.d:  # such bounds keep all pixels that they touch
         kept = np.zeros_like(expected)
         kept[open_area(transform, bounds=box.bounds).window.slices()] = True
         expected &= kept
@@ -358,7 +358,7 @@ def test_bounds_and_mask_with_nothing_in_common_are_an_error(transform: Affine) 
 @pytest.mark.parametrize("name", ["rotated", "sheared"])
 def test_bounds_and_mask_whose_windows_overlap_only_are_an_error(name: str, recwarn) -> None:
     transform = TRANSFORMS[name]
-    # In pixels the box is a slanted quadrilateral; the mask fills a corner of its window.
+    # In pixels, the box is a slanted quadrilateral. The mask is in a corner of its window.
     x, y = on_map(shapely.Point(30, 25), transform).coords[0]
     box = shapely.box(x - 200.3, y - 200.3, x + 200.3, y + 200.3)
     back = [*(~transform)[:6]]

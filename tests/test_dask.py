@@ -1,4 +1,4 @@
-"""A Dask cluster of processes: the same mesh even if a worker is lost, or one line that helps."""
+"""A Dask cluster of processes: the same mesh even if a worker dies, or a helpful error line."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ distributed = pytest.importorskip("distributed")
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning"),
-    # Of arrays that are sent, and of ports for a page that nobody looks at.
+    # Warnings about arrays that are sent, and about the port of the dashboard, which is not used.
     pytest.mark.filterwarnings("ignore:(Sending large graph|Port 8787)"),
 ]
 
-# After so many workers have died on one task, Dask gives it up.
+# Number of workers that may die on one task. After that, Dask stops the task.
 ALLOWED = 1
 
 
@@ -63,7 +63,7 @@ def client(cluster: Any) -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """2 x 2 tiles."""
+    """A raster of 2 x 2 tiles."""
     folder = tmp_path_factory.mktemp("scene")
     return write_mirrored(folder / "scene.tif", NODATA_EDGE, 1300, 1200)
 
@@ -84,7 +84,7 @@ def test_array_is_sent_to_the_cluster_in_parts(scene: Path, client: Any) -> None
 def test_command_on_a_cluster_writes_the_same_file(
     tmp_path: Path, scene: Path, client: Any, command: Geomesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a relative path, too, wherever the workers were started."""
+    """This also works for a relative path, wherever the workers were started."""
     monkeypatch.chdir(scene.parent)
     address = client.scheduler.address
     for name, options in (("here", []), ("there", ["--scheduler", address])):
@@ -121,7 +121,7 @@ def test_tile_that_kills_its_workers_is_told_of(
 
 
 def test_source_that_workers_cannot_read_is_named(scene: Path, client: Any) -> None:
-    """A file in memory is there for this process only."""
+    """A file in memory exists only in this process."""
     with (
         rasterio.MemoryFile(scene.read_bytes(), filename="held.tif") as memory,
         pytest.raises(SourceError, match=r"held\.tif") as error,
@@ -146,7 +146,7 @@ def test_settings_of_the_caller_reach_the_cluster(client: Any) -> None:
 
 
 def test_names_of_tasks_hold_no_credentials(client: Any) -> None:
-    """Dask shows them on its pages and in its logs."""
+    """Dask shows these names on its dashboard and in its logs."""
     with rasterio.Env(), open_workers(executor=client.get_executor()) as workers:
         rasterio.env.setenv(AWS_SECRET_ACCESS_KEY="very-secret")
         results = workers.map(rasterio.env.get_gdal_config, ["AWS_SECRET_ACCESS_KEY"] * 4)
@@ -157,7 +157,7 @@ def test_names_of_tasks_hold_no_credentials(client: Any) -> None:
     assert not any("secret" in key for key in keys)
 
 
-# ----------------------------------------------------------------- clusters that are none
+# ----------------------------------------------------------------- invalid clusters
 
 
 def refused(command: Geomesh, scene: Path, folder: Path, address: str) -> str:

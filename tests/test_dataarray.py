@@ -1,4 +1,4 @@
-"""A DataArray is meshed as the file it came from: the same nodes, triangles and statistics."""
+"""The mesh of a DataArray is that of its file: same nodes, triangles and statistics."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def arrays_of_file(path):
 
 
 def arrays_of(source, **options):
-    """The fingerprint of all but the metadata, which name the source."""
+    """Return the fingerprint without the metadata, because they name the source."""
     return {
         name: value
         for name, value in fingerprint(geomesh.mesh_raster(source, nodes=400, **options)).items()
@@ -49,7 +49,7 @@ def arrays_of(source, **options):
 
 
 def grid_array(values=None, x=None, y=None, crs="EPSG:31985", **coords):
-    """A DataArray made by hand, (y, x), 12 x 8 pixels of 30 m with descending y by default."""
+    """Make a DataArray (y, x). Default: 12 x 8 pixels of 30 m with descending y."""
     values = np.arange(96.0).reshape(8, 12) ** 2 % 61 if values is None else values
     height, width = values.shape[-2:]
     x = 500_015.0 + 30 * np.arange(width) if x is None else x
@@ -74,7 +74,7 @@ def test_dimensions_may_come_in_any_order(path, order):
 def test_a_masked_dataarray_has_the_validity_and_the_statistics_of_its_file(sample):
     masked = arrays_of(rioxarray.open_rasterio(sample, masked=True))
     differing = {name for name, value in arrays_of_file(sample).items() if masked[name] != value}
-    # Bytes are shown as they are; what is masked is float, and stretched.
+    # Colours of bytes are not changed. Masked data are float, so they are stretched.
     assert differing <= {"triangles.color"}
 
 
@@ -122,7 +122,7 @@ def test_a_part_lies_where_it_was_cut_out(path):
 def test_every_other_pixel_is_a_raster_of_larger_pixels():
     scene = open_scene(rioxarray.open_rasterio(OLINDA).isel(x=slice(None, None, 2)))
     assert scene.grid.transform.a == pytest.approx(57, abs=1e-6)
-    # The centre of the first pixel stays where it was.
+    # The centre of the first pixel does not move.
     assert scene.grid.transform.c == pytest.approx(288776.25 - 28.5 / 2, abs=1e-3)
 
 

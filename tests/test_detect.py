@@ -1,4 +1,4 @@
-"""Stages 2 and 3: what tiles find is what the whole image holds."""
+"""Stages 2 and 3: the tiles find the same features as the whole image."""
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from support.samples import OLINDA, SAMPLES, mirrored
 
 
 def detect(image, recipe):
-    """Detect with a workers of two."""
+    """Detect with two workers."""
     with open_workers(2) as workers:
         return stage.detect_keypoints(image, recipe, workers, lambda _fraction, _message: None)
 
@@ -51,7 +51,7 @@ def test_tiled_nodes_are_those_of_the_whole_image(monkeypatch, large):
     assert len(whole) > 20_000
     assert len(tiled) == len(whole)
     distance, index = cKDTree(whole.xy).query(tiled.xy)
-    # A halo of 64 pixels cuts the widest blurs of octave 2 a little short.
+    # A halo of 64 pixels is slightly too small for the largest blurs of octave 2.
     assert distance.max() < 0.01
     assert len(np.unique(index)) == len(whole)
     np.testing.assert_array_equal(whole.octave[index], tiled.octave)
@@ -119,7 +119,7 @@ def test_hysteresis_is_exact_on_noise(gray, low, extra, core, l2):
 
 
 def test_an_edge_that_winds_through_many_tiles_is_followed_to_its_end():
-    """A faint spiral with one strong pixel at its inner end: no tile can know by itself."""
+    """A faint spiral with one strong pixel at its inner end. One tile cannot decide alone."""
     turn = np.linspace(2, 9 * 2 * np.pi, 4000)
     path = np.column_stack([100 + 1.6 * turn * np.cos(turn), 100 + 1.6 * turn * np.sin(turn)])
     gray = np.zeros((200, 200), np.uint8)
@@ -147,7 +147,7 @@ def test_sift_is_opencv_half_a_pixel_on_and_without_doubles(large):
 
 
 def test_sift_places_a_blob_where_it_is():
-    """A blob centred on the corner of four pixels: pixel-edge coordinates are whole there."""
+    """The blob's centre is the corner of four pixels, so its pixel-edge coordinates are whole."""
     y, x = np.mgrid[:64, :64] + 0.5
     blob = (255 * np.exp(-((x - 30) ** 2 + (y - 34) ** 2) / 18)).astype(np.uint8)
     found = detect_sift(blob, Recipe())
@@ -188,7 +188,7 @@ def median_gradient(gray):
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [(1025, 1025), (2048, 2048), (4096, 4096), (6000, 1500)])
 def test_automatic_thresholds_of_a_large_image_are_about_those_of_all_its_pixels(shape):
-    """Of one that repeats itself, too, as fields and mosaics do."""
+    """This also holds for an image with repetitions, such as fields and mosaics."""
     gray = mirrored(SAMPLES / "iguacu_landsat8_rgb_uint16.tif", *shape[::-1])[0]
     gray = np.clip((gray - 6500) / 15, 0, 255).astype(np.uint8)
     found = canny_thresholds(ArrayGray.whole(gray, np.ones(shape, bool)), Recipe())
@@ -241,7 +241,7 @@ def test_the_choice_does_not_depend_on_the_order_of_keypoints(seed, count):
 
 
 def test_a_budget_is_spread_evenly_over_the_image():
-    """Half of the keypoints, all the strong ones, sit in one corner."""
+    """Half of the keypoints, with all strong ones, are in one corner."""
     rng = np.random.default_rng(1)
     crowd, rest = rng.uniform(0, 100, (5000, 2)), rng.uniform(0, 1000, (5000, 2))
     points = keypoints(np.vstack([crowd, rest]), np.r_[np.full(5000, 9), np.ones(5000)])
@@ -269,7 +269,7 @@ def test_labels_around_a_point_are_those_within_the_distance(seed, distance):
 
 
 def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
-    """Columns 900 to 2200 are nodata: the middle tile reads nothing at all."""
+    """Columns 900 to 2200 are nodata, so the middle tile has no data."""
     bands = mirrored(SAMPLES / "iguacu_landsat8_rgb_uint16.tif", 3300, 600)
     gray = cv2.normalize(bands[0], None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     valid = np.ones(gray.shape, bool)
@@ -277,7 +277,7 @@ def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
     recipe = Recipe()
 
     class Scene:
-        """A gray image that is filled window by window, as that of a scene."""
+        """A gray image that is filled window by window, as in a scene."""
 
         extent = Window(0, 0, 3300, 600)
 
@@ -291,7 +291,7 @@ def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
     tiled = thin(detect(Scene(), recipe).keypoints, stage.SEAM)
     whole = thin(in_one_tile(monkeypatch, Scene(), recipe).keypoints, stage.SEAM)
     assert cKDTree(whole.xy).query(tiled.xy)[0].max() < 0.01
-    # On the axes of the mirrored image extrema are ties, which rounding decides.
+    # Extrema on the axes of the mirrored image are ties, and rounding decides them.
     distance, _ = cKDTree(tiled.xy).query(whole.xy)
     lost = whole.xy[distance > 0.01]
     assert len(lost) <= 2
@@ -300,7 +300,7 @@ def test_nodata_that_fills_a_tile_changes_nothing_elsewhere(monkeypatch):
 
 
 def test_thresholds_are_found_where_data_are_sparse(large):
-    """A patch of data that none of the sampled blocks meets."""
+    """A small patch of data between the sampled blocks."""
     gray, valid = np.zeros((3000, 3000), np.uint8), np.zeros((3000, 3000), bool)
     gray[:110, :110], valid[:110, :110] = large[:110, :110], True
     found = canny_thresholds(ArrayGray.whole(gray, valid), Recipe())
@@ -311,7 +311,7 @@ def test_thresholds_are_found_where_data_are_sparse(large):
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [1.5, 20])
 def test_little_is_remembered_of_the_edges_around_keypoints(large, distance):
-    """What other tiles have a say in, not the whole disc around every keypoint."""
+    """Only edges that other tiles can change are kept, not all around each keypoint."""
     image, recipe = (
         ArrayGray.whole(large, np.ones(large.shape, bool)),
         Recipe(edge_distance=distance),

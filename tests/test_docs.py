@@ -1,4 +1,4 @@
-"""What the documents say is so: examples run, and every column is listed."""
+"""The documents are correct: examples run, and every column is listed."""
 
 import doctest
 import importlib
@@ -43,7 +43,7 @@ def test_the_cluster_example_runs(tmp_path):
         r"```python\n(.*?)```", (ROOT / "docs" / "large-rasters.md").read_text(), re.DOTALL
     )
     scene = shutil.copy(OLINDA, tmp_path / "scene.tif")
-    # A file of its own: the workers' processes import it.
+    # The code is in a file, because the processes of the workers import it.
     (tmp_path / "example.py").write_text(code)
     subprocess.run([sys.executable, "example.py"], cwd=tmp_path, check=True, timeout=300)
     made = geomesh.read_mesh(tmp_path / "mesh.gpkg")
@@ -84,7 +84,7 @@ def test_pydelatin_does_what_is_said_of_it(monkeypatch, capsys):
 
 
 def run_line(line: str) -> None:
-    """Run a line as a shell would: geomesh in this process, which has loaded its libraries."""
+    """Run a line as a shell would. geomesh runs in this process, where it is already loaded."""
     if not line.startswith("geomesh "):
         subprocess.run(["bash", "-euc", line], check=True, capture_output=True)
         return
@@ -107,7 +107,7 @@ def test_every_command_in_the_documents_is_one_that_geomesh_takes():
         for line in re.findall(r"^(?: {4})?(geomesh [a-z].*)$", text, re.MULTILINE):
             words = shlex.split(re.split(r" [>|] ", line)[0], comments=True)
             if words[1] not in cli.commands:
-                continue  # prose
+                continue  # this is text, not a command
             try:
                 cli.commands[words[1]].make_context(words[1], words[2:])
             except click.UsageError as error:
@@ -143,7 +143,7 @@ def test_every_test_that_the_documents_name_exists():
 
 
 def public_names() -> set[str]:
-    """Names of geomesh and of its public packages, below "geomesh."."""
+    """Return the names of geomesh and of its public packages, without "geomesh."."""
     names = set()
     for name in geomesh.__all__:
         found = getattr(geomesh, name)
@@ -157,10 +157,10 @@ def public_names() -> set[str]:
 def test_every_public_name_is_in_the_reference():
     text = (ROOT / "docs" / "api.rst").read_text()
     told = re.findall(r"auto(?:class|function):: geomesh\.([\w.]+)$", text, re.MULTILINE)
-    errors = {"GeomeshError", "GeomeshWarning"}  # told by `automodule:: geomesh.errors`
+    errors = {"GeomeshError", "GeomeshWarning"}  # documented by `automodule:: geomesh.errors`
     assert "automodule:: geomesh.errors" in text
     assert len(told) == len(set(told))
-    # A class may be public in its package, too: it is told once.
+    # A class that is also public in its package is documented only once.
     expected = public_names() - errors - {"__version__", "raster.Grid"}
     assert {name for name in told if name.count(".") < 2} == expected
 
@@ -182,7 +182,7 @@ def test_docstring_examples_run(monkeypatch):
 
 
 def documented(section: str) -> list[str]:
-    """Names in the first column of the table in a section of docs/formats.md."""
+    """Return the first column of the table in a section of docs/formats.md."""
     text = (ROOT / "docs" / "formats.md").read_text()
     table = text.split(f"\n## {section}\n")[1].split("\n## ")[0]
     told = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
@@ -191,7 +191,7 @@ def documented(section: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A GeoPackage of one band."""
+    """A GeoPackage from a raster with one band."""
     path = tmp_path_factory.mktemp("written") / "mesh.gpkg"
     return geomesh.mesh_raster(SAMPLES / "colorado_dem_float32_epsg4269.tif").to_file(path)
 

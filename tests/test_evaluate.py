@@ -1,4 +1,4 @@
-"""Evaluate: figures held to other libraries, averages, tables; and what becomes of bad images."""
+"""Evaluate: figures compared with other libraries, averages, tables, and bad images."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from geomesh.evaluate.images import find_images
 from geomesh.evaluate.run import evaluate
 from support.samples import OLINDA, SAMPLES, write_mirrored
 
-DEM = SAMPLES / "colorado_dem_float32_epsg4269.tif"  # no Canny edges at the paper's thresholds
+DEM = SAMPLES / "colorado_dem_float32_epsg4269.tif"  # no Canny edges with the paper's thresholds
 NOWHERE = SAMPLES / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif"
 NAMES = list(baselines())
 
@@ -80,7 +80,7 @@ def test_a_preset_has_the_figures_of_its_mesh(comparison, image, plane, preset):
 
 @pytest.fixture(scope="module")
 def small_gray():
-    """The Olinda scene as the paper's plane has it."""
+    """The Olinda scene as the gray image of the paper's size."""
     with rasterio.open(OLINDA) as dataset:
         rgb = np.moveaxis(dataset.read(), 0, -1).copy()
     return cv2.resize(
@@ -90,7 +90,7 @@ def small_gray():
 
 @pytest.fixture(scope="module")
 def oracle(comparison, small_gray):
-    """Random nodes on it, triangulated by scipy, found again by matplotlib."""
+    """Random nodes on that image, with triangles from scipy and their pixels from matplotlib."""
     wanted = int(figures_of(comparison, OLINDA, "256x256", "paper").nodes)
     points = baselines()["random"](small_gray, np.ones((256, 256), np.bool_), wanted)
     triangles = Delaunay(points).simplices
@@ -114,7 +114,7 @@ def test_sides_and_ki_are_those_of_scipys_triangles(comparison, oracle):
     corners = points[mesh.triangles]
     sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)
     ab, ca, bc = sides.T
-    # Cocircular pixels are joined in another way there.
+    # For cocircular pixels, scipy may choose other triangles.
     expected = pytest.approx([ab.mean(), bc.mean(), ca.mean()], rel=2e-3)
     assert [found.ab, found.bc, found.ca] == expected
     assert found.ki == pytest.approx((2 * ca * bc / sides.sum(axis=1)).mean(), rel=2e-3)
@@ -128,7 +128,7 @@ def test_psnr_is_that_of_matplotlibs_interpolation_and_scipys_least_squares(
 ):
     points, mesh, owner, (x, y) = oracle
     found = figures_of(comparison, OLINDA, "256x256", "random")
-    # Pixels on an edge, which has one owner here and another there, are few.
+    # A pixel on an edge may have another owner here, but such pixels are rare.
     assert found.covered == pytest.approx((owner >= 0).mean(), abs=2e-3)
     values = ndimage.map_coordinates(small_gray.astype(float), points[:, ::-1].T - 0.5, order=1)
     shown = LinearTriInterpolator(mesh, values)(x, y).filled(np.nan)
@@ -349,7 +349,7 @@ def test_programs_get_events_or_json(tmp_path):
     assert {row["method"] for row in document["results"]} == {"paper", "features", *NAMES}
 
 
-# Which images
+# Choice of images
 
 
 def test_folders_and_patterns_stand_for_the_rasters_in_them(tmp_path):
@@ -488,7 +488,7 @@ def test_what_lies_under_nodata_does_not_matter(tmp_path):
             dataset.write_mask(valid)
         found.append([record.figures for record in evaluate(tmp_path / name).records])
     assert found[0] == found[1]
-    assert found[0][-len(NAMES) - 1].covered == 1  # features, native: the outline is followed
+    assert found[0][-len(NAMES) - 1].covered == 1  # features, native: the mesh follows the outline
 
 
 # Bad output
@@ -497,7 +497,7 @@ def test_what_lies_under_nodata_does_not_matter(tmp_path):
 def test_outputs_that_cannot_be_written_are_refused_before_the_work(
     tmp_path, comparison, monkeypatch
 ):
-    monkeypatch.setattr("geomesh.evaluate.run.evaluate", None)  # not even called
+    monkeypatch.setattr("geomesh.evaluate.run.evaluate", None)  # must not be called
     kept = tmp_path / "kept.csv"
     kept.write_text("mine")
     image = tmp_path / "scene.png"

@@ -1,4 +1,4 @@
-"""How faithfully meshes show their rasters: tiles, workers, bands, nodata, other grids."""
+"""How exactly meshes show their rasters: tiles, workers, bands, nodata, other grids."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def mesh():
 
 
 def read(path, **options):
-    """Bands as float64 and validity, by rasterio alone."""
+    """Return bands as float64 and their validity, read only with rasterio."""
     with rasterio.open(path) as dataset:
         return dataset.read(**options).astype(float), dataset.dataset_mask() > 0
 
@@ -60,7 +60,7 @@ def decibels(errors, peak):
         return 20 * np.log10(peak / np.sqrt((errors**2).mean()))
 
 
-# ---------------------------------------------------------------- what is told
+# ---------------------------------------------------------------- reported figures
 
 
 def test_psnr_of_sampled_values_is_that_of_matplotlib_and_numpy(mesh, olinda):
@@ -256,7 +256,7 @@ def test_nodata_and_masks_are_left_out(olinda):
 
 
 def test_triangles_over_nodata_say_nothing_of_the_pixels_beside(olinda):
-    """The mesh covers the whole image, with nodes that have no valid pixel around them."""
+    """The mesh covers the whole image. Some nodes have no valid pixel around them."""
     bands = mirrored(olinda, 120, 100)
     valid = np.zeros((100, 120), bool)
     valid[5:90, 7:60] = True
@@ -286,7 +286,7 @@ def test_an_area_of_interest_is_kept_to(olinda, tmp_path):
     mesh = geomesh.mesh_raster(olinda, mask=area, nodes=300)
     found = mesh.psnr(olinda)
     assert found.pixels == mesh.metadata["pixels"]["counted"] < mesh.grid.width * mesh.grid.height
-    # The same part as a raster of its own: the area has to move with it.
+    # The same part as a separate raster: the area must move with it.
     part = tmp_path / "part.tif"
     with rasterio.open(olinda) as dataset:
         window = rasterio.windows.Window(*mesh.metadata["source"]["window"])
@@ -339,7 +339,7 @@ def test_palettes_are_compared_as_colours(tmp_path):
     assert found.rmse[0] == pytest.approx(found.rmse[1], rel=1e-6)
 
 
-# ---------------------------------------------------------------- rasters that do not fit
+# ---------------------------------------------------------------- rasters that do not match
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A file format is one module and one line: shown by a toy format, in a copy of the package."""
+"""A new file format needs one module and one line: a copy of the package gets a toy format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PACKAGE = Path(__file__).parent.parent / "geomesh"
 
 @pytest.fixture(scope="module")
 def toy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the package that knows one more format."""
+    """A copy of the package with one more format."""
     folder = tmp_path_factory.mktemp("toy")
     shutil.copytree(PACKAGE, folder / "geomesh", ignore=shutil.ignore_patterns("__pycache__"))
     subprocess.run(["git", "apply", str(DIFF)], cwd=folder, check=True)

@@ -1,4 +1,4 @@
-"""A GeoPackage joined from a file for each layer is what GDAL writes alone, layer after layer."""
+"""A GeoPackage that is joined from a file for each layer is the same as one written by GDAL."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def mesh() -> geomesh.Mesh:
 
 
 def write(mesh: geomesh.Mesh, path: Path, count: int, layers: Any = LAYERS) -> Path:
-    """Write as the command does: by writer_pool, edges first."""
+    """Write a mesh as the command does: with a writer_pool, and edges first."""
     with (
         WriterPool(count) as writer_pool,
         open_writer(path, layers=layers, writer_pool=writer_pool) as writer,
@@ -53,7 +53,7 @@ def joined(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 @pytest.fixture(scope="module")
 def plain(mesh: geomesh.Mesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """As written by GDAL alone, layer after layer."""
+    """The file that GDAL alone writes, layer after layer."""
     return mesh.to_file(tmp_path_factory.mktemp("plain") / "mesh.gpkg")
 
 
@@ -131,7 +131,7 @@ def test_index_finds_what_a_look_at_all_finds(joined: Path, layer: str) -> None:
     )
     expected = set(ids[~apart])
     assert 0 < len(expected) < len(ids) / 4
-    # As QGIS asks; the index holds float32, rounded outwards.
+    # This is how QGIS searches. The index contains float32 values, rounded outwards.
     query = (
         f"SELECT id FROM rtree_{layer}_geom WHERE maxx >= {part[0]!r} AND minx <= {part[2]!r} "
         f"AND maxy >= {part[1]!r} AND miny <= {part[3]!r}"
@@ -139,7 +139,7 @@ def test_index_finds_what_a_look_at_all_finds(joined: Path, layer: str) -> None:
     found = {number for (number,) in rows(joined, query)}
     assert expected <= found
     assert len(found) <= len(expected) + 20
-    # Through GDAL, which looks at the shapes too.
+    # GDAL also compares the geometries.
     _, met, *_ = pyogrio.raw.read(joined, layer=layer, bbox=part, return_fids=True, columns=[])
     touching = shapely.intersects(shapely.from_wkb(shapes), shapely.box(*part))
     assert set(met) == set(ids[touching])
@@ -147,7 +147,7 @@ def test_index_finds_what_a_look_at_all_finds(joined: Path, layer: str) -> None:
 
 @pytest.fixture
 def opened(joined: Path, tmp_path: Path) -> Iterator[sqlite3.Connection]:
-    """A copy to change, with the functions that GDAL and QGIS bring to the triggers."""
+    """A copy to change. The triggers use functions that GDAL and QGIS add to SQLite."""
     path = Path(shutil.copy(joined, tmp_path / "copy.gpkg"))
     with closing(sqlite3.connect(path)) as database:
 
@@ -209,7 +209,7 @@ def test_any_layers_by_any_number_of_writers_are_the_same(
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_layers_are_listed_in_their_order(mesh: geomesh.Mesh, tmp_path: Path, count: int) -> None:
-    """What opens the first of them opens the triangles, though the edges were written first."""
+    """Programs open the first layer. This is triangles, although edges were written first."""
     path = write(mesh, tmp_path / "mesh.gpkg", count)
     assert [name for name, _ in pyogrio.list_layers(path)] == list(LAYERS)
     with pytest.warns(UserWarning, match="default"):

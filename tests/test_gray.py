@@ -1,4 +1,4 @@
-"""Stage 1: gray, stretch, fill, Sobel and resize against OpenCV, numpy and brute force."""
+"""Stage 1: gray, stretch, fill, Sobel and resize, compared with OpenCV, numpy and brute force."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from geomesh.features.filters import fill_invalid, resize, sobel_enhance
 from geomesh.features.gray import Tone, fit_tone, gray_weights, stretch_to_uint8, to_gray
 from geomesh.recipe import Recipe
 
-# Invalid pixels may hold anything; nobody wants to hear of it.
+# Invalid pixels may have any value, and must not cause a warning.
 pytestmark = pytest.mark.filterwarnings("error")
 
 SHAPE = (37, 53)
@@ -310,8 +310,8 @@ def test_fill_takes_the_value_of_a_nearest_valid_pixel(
     np.testing.assert_array_equal(found[valid], image[valid])
     places, holes = np.argwhere(valid), np.argwhere(~valid)
     distance = cdist(holes, places)
-    # The distance is a chamfer's, right to a few per cent: any valid pixel that is no
-    # farther than 1.1 times the nearest may lend its value.
+    # The chamfer distance is not exact. So the value may come from any valid pixel that is no
+    # farther than 1.1 times the distance of the nearest one.
     near = distance <= 1.1 * distance.min(axis=1, keepdims=True)
     lent = found[~valid][:, None] == image[valid][None]
     assert (near & lent).any(axis=1).all()

@@ -1,4 +1,4 @@
-"""Grid and Window: against affine's own arithmetic, and PROJ's geodesic areas."""
+"""Grid and Window, compared with affine's own arithmetic and with PROJ's geodesic areas."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pyproj import CRS, Geod
 from geomesh.errors import GeoreferenceError
 from geomesh.raster.grid import Grid, Window
 
-# affine 3 asks for `@` in place of `*` in a pending deprecation; affine 2 has `*` only.
+# affine 3 has a pending deprecation of `*` in favour of `@`; affine 2 has only `*`.
 pytestmark = pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
 
 ONE = np.array([[0, 1, 2]], np.int32)
@@ -50,7 +50,7 @@ points = st.lists(st.tuples(st.floats(-50, 500), st.floats(-50, 500)), min_size=
 
 @st.composite
 def transforms(draw: st.DrawFn) -> Affine:
-    """Any way to lie on the map, flips, rotation and shear included, not nearly a line."""
+    """Any position on the map, with flips, rotation and shear, but not nearly a line."""
     shear = draw(st.floats(-45, 45))
     return (
         Affine.translation(draw(shifts), draw(shifts))
@@ -123,7 +123,7 @@ def test_to_map_is_what_affine_says(transform: Affine, xy: list[tuple[float, flo
 @given(transforms(), points)
 def test_to_pixel_undoes_to_map(transform: Affine, xy: list[tuple[float, float]]) -> None:
     grid = Grid(10, 10, transform)
-    # What float64 keeps of a map coordinate of up to 2e6, in pixels of 0.01 or more.
+    # The float64 precision of a map coordinate of up to 2e6, in pixels of 0.01 or more.
     np.testing.assert_allclose(grid.to_pixel(grid.to_map(xy)), xy, rtol=1e-9, atol=1e-6)
 
 
@@ -172,8 +172,8 @@ def test_bounds_are_those_of_the_raster_as_a_polygon(transform: Affine) -> None:
 
 
 def test_bounds_of_a_rotated_grid_worked_out_by_hand() -> None:
-    # (20, 15) m a column and (15, -20) m a row: 40 columns run to (800, 600), 20 rows
-    # to (300, -400).
+    # One column is (20, 15) m and one row is (15, -20) m. So 40 columns reach (800, 600), and
+    # 20 rows reach (300, -400).
     assert Grid(40, 20, ROTATED).bounds() == (600_000, 4_899_600, 601_100, 4_900_600)
 
 
@@ -254,7 +254,7 @@ def test_projected_areas_are_planar_square_metres(
     triangles = np.array([(0, 1, 2), (2, 1, 0)], np.int32)
     grid = Grid(5, 5, transform, CRS(32618))
     expected = shapely.Polygon([transform * pair for pair in xy[:3]]).area
-    # The corners' coordinates, around 5e6, are good to 1e-9.
+    # The coordinates of the corners are about 5e6 and exact to 1e-9.
     np.testing.assert_allclose(grid.areas(xy, triangles), expected, rtol=1e-9, atol=1e-3)
 
 
@@ -313,7 +313,7 @@ def geodesic_area(crs: CRS, corners: np.ndarray) -> float:
 
 
 def local_area(crs: CRS, corners: np.ndarray) -> float:
-    """Area of a small triangle by the two radii of curvature at its middle latitude."""
+    """Return the area of a small triangle from the two radii of curvature at its latitude."""
     ellipsoid = crs.ellipsoid
     assert ellipsoid is not None
     a, b = ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
@@ -326,7 +326,7 @@ def local_area(crs: CRS, corners: np.ndarray) -> float:
 
 
 def map_areas(crs: CRS, corners: np.ndarray) -> np.ndarray:
-    """Areas of triangles (T, 3, 2) of map coordinates, through the grid of one unit a pixel."""
+    """Return the areas of triangles (T, 3, 2) of map coordinates. A pixel of the grid is 1 unit."""
     nodes = corners.reshape(-1, 2)
     triangles = np.arange(len(nodes), dtype=np.int32).reshape(-1, 3)
     return Grid(360, 180, Affine.identity(), crs).areas(nodes, triangles)
@@ -345,7 +345,7 @@ def test_small_geographic_areas_agree_with_radii_of_curvature(
 ) -> None:
     corners = small_triangle(crs, lon, lat, turn)
     (found,) = map_areas(crs, corners[None])
-    # A straight line in longitude and latitude leaves the great circle by a share
+    # The distance from a straight line in longitude and latitude to the great circle is
     # (side / R) tan(latitude) / 8 of the side: 2e-6 at 60 degrees.
     assert found == pytest.approx(local_area(crs, corners), rel=1e-5)
 
@@ -402,9 +402,9 @@ LARGE = [
 def test_large_geographic_triangles_agree_with_geodesics(
     crs: CRS, corners: list[tuple[float, float]]
 ) -> None:
-    # The sides are great circles of the authalic sphere, not geodesics: over a side of
-    # length s the two part by about f (s / R)^2 of s, f the flattening (Mars: 1/170).
-    # For a degree or a few that is some 1e-5 of the area.
+    # The sides are great circles of the authalic sphere, not geodesics. On a side of length s,
+    # the distance between the two is about f (s / R)^2 of s, where f is the flattening
+    # (Mars: 1/170). For a few degrees, this is about 1e-5 of the area.
     place = np.array(corners, float)
     (found,) = map_areas(crs, place[None])
     assert found == pytest.approx(geodesic_area(crs, place), rel=5e-5)
@@ -419,7 +419,7 @@ def test_triangles_of_a_degree_agree_with_geodesics_at_any_latitude(
 ) -> None:
     place = np.array(ring) + np.array([10, lat])
     expected = geodesic_area(CRS(4326), place)
-    # As above, relative to a triangle of a degree: a sliver's error is that of its sides.
+    # As above, relative to a triangle of one degree: the error of a sliver is that of its sides.
     degree = geodesic_area(CRS(4326), np.array([(10, lat), (11, lat), (10, lat + 1)]))
     assert map_areas(CRS(4326), place[None])[0] == pytest.approx(expected, abs=5e-5 * degree)
 
@@ -438,7 +438,7 @@ def test_an_octant_of_a_sphere_is_an_eighth_of_it() -> None:
 
 
 def test_two_triangles_over_the_whole_world_add_up_to_it() -> None:
-    # Sides of 360 degrees: the way along the map is meant, not the shorter way round.
+    # Sides of 360 degrees follow the map, not the shortest way around the ellipsoid.
     a, e = 6378137.0, math.sqrt(0.0066943799901413165)
     surface = 2 * math.pi * a * a * (1 + (1 - e * e) / e * math.atanh(e))
     west_south, east_south, east_north, west_north = (-180, -90), (180, -90), (180, 90), (-180, 90)

@@ -1,4 +1,4 @@
-"""Kernels: one signature each, compiled once, kept on disk, and never a stale one."""
+"""Kernels: one signature each, compiled once, cached on disk, and never outdated."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Run = Callable[..., list[str]]
 
-# Two modules: a kernel, and what it calls and uses.
+# Two modules: a kernel, and the function and the value that it uses.
 PARTS = """
 from geomesh.arrays.jit import inner
 
@@ -56,14 +56,14 @@ def run():
 
 @pytest.fixture
 def project(tmp_path: Path) -> tuple[Path, Run]:
-    """A folder with both modules, and a way to run them with a cache of their own."""
+    """A folder with both modules, and a function that runs them with a separate cache."""
     folder = tmp_path / "project"
     folder.mkdir()
     (folder / "parts.py").write_text(PARTS)
     (folder / "user.py").write_text(USER)
 
     def run(*before: str) -> list[str]:
-        """Return what came out, and how many functions numba compiled."""
+        """Return the result, and how many functions numba compiled."""
         code = textwrap.dedent("""
             import json
             from numba.core import event
@@ -112,11 +112,11 @@ def test_an_edit_in_what_a_kernel_calls_or_uses_is_seen(
     stamp = parts.stat()
     run()
     parts.write_text(PARTS.replace(old, new))
-    # Of the same size and time: nothing but the code itself tells them apart.
+    # Size and time are the same, so only the code itself is different.
     os.utime(parts, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
     assert parts.stat().st_size == stamp.st_size
     for cached in folder.glob("__pycache__/*"):
-        cached.unlink()  # Python's own cache does go by size and time
+        cached.unlink()  # Python's own cache compares size and time
     assert run()[0] == sums
 
 
@@ -163,7 +163,7 @@ def test_a_kernel_takes_what_its_signature_says_and_nothing_else() -> None:
     values.flags.writeable = False
     compiled(values, sums)
     assert sums.tolist() == [0, 2, 4]
-    compiled(np.arange(3.0), sums)  # what can be written can be read
+    compiled(np.arange(3.0), sums)  # a writable array is accepted as input
     with pytest.raises(TypeError, match="No matching definition"):
         compiled(np.arange(3), sums)
     with pytest.raises(TypeError, match="No matching definition"):

@@ -1,4 +1,4 @@
-"""A mesh in a notebook: its picture, what it says of itself, and the map to look around in."""
+"""A mesh in a notebook: its picture, its description, and its interactive map."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PLACES = {**ORIENTATIONS, "geographic": GEOGRAPHIC}
 
 @pytest.fixture(params=PLACES, ids=str)
 def placed(request):
-    """A mesh on each kind of grid, its triangles told apart by their colours."""
+    """A mesh on each kind of grid. Each triangle has a different colour."""
     mesh = frame_mesh(PLACES[request.param])
     count = len(mesh.triangles)
     colors = np.array([f"#{number:02x}80ff" for number in np.arange(count) * 4])
@@ -51,7 +51,7 @@ def test_a_thumbnail_shows_the_map_as_matplotlib_finds_triangles_on_it(placed):
     places = Triangulation(*placed.map_nodes.T, placed.triangles)
     found = places.get_trifinder()(*np.meshgrid(x, y))
     assert (picture[..., 3] == np.where(found >= 0, 255, 0)).all()
-    # Away from the sides, which are drawn lighter, each pixel has its triangle's colour.
+    # Edges are drawn lighter. Away from them, each pixel has the colour of its triangle.
     same = np.pad(found, 1, mode="edge")
     inner = (found >= 0) & (found == same[:-2, 1:-1]) & (found == same[1:-1, :-2])
     colors = brightened(parse_colors(placed.triangle_table["color"][found[found >= 0]]))
@@ -63,7 +63,7 @@ def test_a_thumbnail_shows_the_map_as_matplotlib_finds_triangles_on_it(placed):
 
 
 def test_a_thumbnail_is_in_proportion():
-    # At 60 degrees north a degree of longitude is half as long as one of latitude.
+    # At 60 degrees north, a degree of longitude is half as long as a degree of latitude.
     assert thumbnail(frame_mesh(GEOGRAPHIC)).shape == (256, 171, 4)
     wide = Grid(4000, 10, Affine(30, 0, 600_000, 0, -30, 4_900_000), CRS(32618))
     assert thumbnail(frame_mesh(wide)).shape == (8, 256, 4)
@@ -87,7 +87,7 @@ def test_a_mesh_of_many_triangles_shows_no_sides(olinda):
 
 
 def told_by(html: str) -> tuple[ElementTree.Element, str]:
-    """The HTML, which has to be well-formed, and its text."""
+    """Return the parsed HTML, which must be well-formed, and its text."""
     tree = ElementTree.fromstring(html)
     return tree, " ".join(" ".join(tree.itertext()).split())
 
@@ -112,7 +112,7 @@ def test_a_mesh_tells_what_it_is(olinda):
 
 
 def test_a_mesh_needs_nothing_from_elsewhere_and_no_colours_of_its_own(olinda):
-    """So it shows without a network, in an exported page, on light and on dark ones."""
+    """So it is visible offline, in an exported page, and on light and dark pages."""
     html = geomesh.mesh_raster(olinda, nodes=300)._repr_html_()
     tree, _ = told_by(html)
     assert {element.tag for element in tree.iter()}.isdisjoint({"script", "link", "style", "a"})
@@ -194,7 +194,7 @@ def test_jupyter_shows_the_mesh_its_plot_once_and_its_map(tmp_path):
 
 
 def layer_of(folium_map):
-    """What the map shows: a GeoJSON document."""
+    """Return the GeoJSON document that the map shows."""
     (layer,) = (
         child for child in folium_map._children.values() if type(child).__name__ == "GeoJson"
     )

@@ -1,4 +1,4 @@
-"""The outline of the valid data: traced exactly, simplified without moving any pixel."""
+"""The outline of the valid data: traced exactly, and simplified without changing any pixel."""
 
 import warnings
 
@@ -54,7 +54,7 @@ def centres(mask, value=True):
 
 
 def inside(loops, points):
-    """Even-odd rule over all loops, so nesting and touching loops are no matter."""
+    """Use the even-odd rule over all loops, so loops may be nested or touch each other."""
     total = np.zeros(len(points), int)
     for loop in loops:
         total += shapely.contains(shapely.Polygon(loop), points)
@@ -122,7 +122,7 @@ def segments(loop):
 
 @pytest.mark.parametrize("degrees", [1.0, 5.0, 13.0, 31.7, 44.0])
 def test_a_turned_footprint_gets_few_corners(degrees):
-    """The collar of a satellite scene: a square of 500 pixels, turned."""
+    """The valid area of a satellite scene: a rotated square of 500 pixels."""
     y, x = np.mgrid[:800, :800] - 399.5
     angle = np.radians(degrees)
     u, v = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
@@ -152,9 +152,9 @@ def test_diagonal_pixels_touch_in_a_corner_and_stay_apart():
 def test_small_islands_and_holes_go_with_what_is_in_them():
     mask = np.zeros((60, 60), bool)
     mask[5:55, 5:55] = True
-    mask[20:27, 20:27] = False  # a hole of 49 pixels,
-    mask[22:25, 22:25] = True  # with an island of 9 in it
-    mask[1:3, 1:3] = True  # an island of 4
+    mask[20:27, 20:27] = False  # a hole of 49 pixels
+    mask[22:25, 22:25] = True  # an island of 9 pixels in the hole
+    mask[1:3, 1:3] = True  # an island of 4 pixels
     outline, _ = outline_of(mask)
     kept, dropped = drop_small_loops(outline, 64)
     assert (len(kept.areas()), dropped) == (1, (2, 1, 9 + 4 - 49))
@@ -179,7 +179,7 @@ def test_subdivision_follows_the_distance_to_the_nodes_inside():
 @pytest.mark.parametrize("min_hole", [0, 1, 64])
 @pytest.mark.parametrize("sigma", [0.0, 1.0, 4.0])
 def test_triangles_never_span_nodata(sigma, min_hole):
-    """Counted by an independent rasterisation: no triangle covers a nodata pixel's centre."""
+    """A different rasterization shows that no triangle covers the centre of a nodata pixel."""
     rng = np.random.default_rng(7)
     noise = rng.normal(size=(90, 110))
     mask = (ndimage.gaussian_filter(noise, sigma) if sigma else noise) < 0

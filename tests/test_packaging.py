@@ -1,4 +1,4 @@
-"""What is published: it holds what it should, and works with nothing of the checkout at hand."""
+"""The published packages: their content is complete, and they work without the checkout."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from support.samples import OLINDA, ROOT
 
 BIN = "Scripts" if os.name == "nt" else "bin"
 
-# One worker builds for all of these tests.
+# The same worker runs all these tests, so the packages are built only once.
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("packaging")]
 
 
 def run(*command, cwd, code=0):
-    """Run a program as if it had been started outside of the checkout; return what it printed."""
+    """Run a program without settings of the checkout; return what it printed."""
     hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
     settings = {name: value for name, value in os.environ.items() if name not in hidden}
     done = subprocess.run(
@@ -42,7 +42,7 @@ def run(*command, cwd, code=0):
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory):
-    """The folder with the sdist, and the wheel that was built from that and nothing else."""
+    """The folder with the sdist and the wheel. The wheel is built only from the sdist."""
     folder = tmp_path_factory.mktemp("dist")
     run(sys.executable, "-m", "build", "--outdir", folder, ROOT, cwd=folder)
     return folder
@@ -109,7 +109,7 @@ def test_the_metadata_are_complete(metadata):
     assert metadata["Description-Content-Type"] == "text/markdown"
     extras = set(metadata.get_all("Provides-Extra"))
     assert extras == {"dask", "evaluate", "exact", "figures", "graph", "notebook", "xarray"}
-    # There is no public address yet; one that leads nowhere is worse than none.
+    # There is no public address yet. No address is better than one that does not work.
     assert metadata.get_all("Project-URL") is None
 
 
@@ -149,14 +149,14 @@ except geomesh.GeomeshError as error:
 
 @pytest.fixture
 def bare(wheel, tmp_path):
-    """The programs of an environment with the wheel and what it depends on."""
+    """The programs of an environment with only the wheel and its dependencies."""
     place = tmp_path / "bare"
     run(sys.executable, "-m", "venv", place, cwd=tmp_path)
     python = place / BIN / "python"
     pinned = ("--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt")
     run(python, "-m", "pip", "install", *pinned, f"{wheel}[figures]", cwd=tmp_path)
     yield place / BIN
-    shutil.rmtree(place)  # more than a gigabyte, and pytest keeps the folders of three runs
+    shutil.rmtree(place)  # it is more than 1 GB, and pytest keeps the folders of three runs
 
 
 def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):

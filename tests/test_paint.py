@@ -1,4 +1,4 @@
-"""Pictures of meshes against matplotlib, fits against numpy's lstsq, on arrays."""
+"""Pictures of meshes compared with matplotlib, and fits with numpy's lstsq, on arrays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from geomesh.zonal.owners import find_owners
 
 
 def random_mesh(rng, width, height, count, *, corners=True):
-    """Delaunay mesh of random nodes on the lattice, over the whole image or within it."""
+    """Return a Delaunay mesh of random lattice nodes, in the whole image or a part of it."""
     nodes = rng.integers(0, [width * 256 + 1, height * 256 + 1], (count, 2)) / 256
     if corners:
         nodes = np.vstack([nodes, [(0, 0), (width, 0), (0, height), (width, height)]])
@@ -34,7 +34,7 @@ def centres(window):
 
 
 def design(nodes, triangles, window):
-    """Pixels x nodes: the barycentric coordinates of the centres, and which have an owner."""
+    """Return the barycentric coordinates (pixels x nodes), and which pixels have an owner."""
     owners = find_owners(nodes, triangles, window).ravel()
     x, y = (values.ravel() for values in centres(window))
     matrix = np.zeros((len(owners), len(nodes)))
@@ -123,7 +123,7 @@ def test_values_that_fit_no_model_are_refused(model, shape, told):
 
 @pytest.mark.parametrize("count", [5, 30, 120])
 def test_least_squares_are_those_of_numpy(count):
-    """120 nodes on 24 x 18 pixels: many triangles own one pixel, or none."""
+    """With 120 nodes on 24 x 18 pixels, many triangles own one pixel or none."""
     rng = np.random.default_rng(count)
     window = Window(3, 2, 24, 18)
     nodes, triangles = random_mesh(rng, 30, 22, count)
@@ -219,14 +219,14 @@ def test_a_plane_is_found_whatever_the_values_before():
     valid = np.ones((50, 50), bool)
     found = fitted(nodes, triangles, np.full((len(nodes), 1), 1e4), bands, valid, window)
     image = reconstruct(nodes, triangles, found, window, "linear")
-    # Exact but for the weight of the values before: 150 off at the corners.
+    # Only the weight of the start values, which are 150 off at the corners, causes an error.
     np.testing.assert_allclose(image, bands, atol=0.2)
     again = fitted(nodes, triangles, found, bands, valid, window)
     image = reconstruct(nodes, triangles, again, window, "linear")
     np.testing.assert_allclose(image, bands, atol=2e-3)
 
 
-# ---------------------------------------------------------------- values where none is known
+# ---------------------------------------------------------------- values where there are none
 
 
 def test_nodes_in_nodata_get_the_mean_of_the_pixels_of_their_triangles():
@@ -234,7 +234,7 @@ def test_nodes_in_nodata_get_the_mean_of_the_pixels_of_their_triangles():
     values = np.array([[1.0], [2.0], [np.nan], [4.0], [np.nan], [np.nan], [6.0]])
     count, mean = np.array([3, 0, 1, 0]), np.array([[10.0], [np.nan], [50.0], [np.nan]])
     found = complete(values, triangles, count, mean)
-    # Node 2 has three pixels of 10 and one of 50, node 4 only the one, node 5 none.
+    # Node 2 has three pixels of 10 and one of 50, node 4 has only the 50, node 5 has none.
     np.testing.assert_array_equal(found[:, 0], [1, 2, 20, 4, 50, np.nan, 6])
     assert np.isnan(values[2, 0])
 

@@ -1,4 +1,4 @@
-"""The paper preset, against its ten lines of cv2 and scipy written out here."""
+"""The paper preset, compared with ten lines of cv2 and scipy that implement the paper."""
 
 import cv2
 import numpy as np
@@ -14,12 +14,12 @@ pytestmark = pytest.mark.filterwarnings("ignore:the array has no georeference")
 
 RGB_8BIT = [
     "olinda_landsat7_rgb_uint8.tif",  # 349 x 352
-    "olinda_landsat7_rgb_rotated_gt.tif",  # 240 x 240: enlarged
+    "olinda_landsat7_rgb_rotated_gt.tif",  # 240 x 240: enlarged by the preset
 ]
 
 
 def by_the_letter(rgb):
-    """The published pipeline: keypoints in OpenCV's coordinates, and their triangles."""
+    """Return the points, in OpenCV's coordinates, and triangles of the published pipeline."""
     gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     gx = cv2.convertScaleAbs(cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=3))
     gy = cv2.convertScaleAbs(cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=3))
@@ -31,7 +31,7 @@ def by_the_letter(rgb):
 
 
 def as_sets_of_places(points, triangles):
-    """Triangles as a set of triples of rounded points: independent of any numbering."""
+    """Return triangles as a set of triples of rounded points, so numbering does not matter."""
     keys = [tuple(point) for point in points.round(5)]
     return {frozenset(keys[i] for i in triangle) for triangle in triangles}
 

@@ -1,4 +1,4 @@
-"""What docs/paper.md tells beyond test_paper_table1.py: of real images, and of squared lengths."""
+"""Statements in docs/paper.md beyond test_paper_table1.py: real images and squared lengths."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_the_square_roots_of_table_1_are_sides_of_triangles():
 
 
 def sides_with_bc_longest(mesh: geomesh.Mesh) -> np.ndarray:
-    """AB, BC and CA, (3, T), of a mesh: BC the longest, AB and CA in the order of the corners."""
+    """Return AB, BC and CA (3, T) of a mesh. BC is the longest; AB and CA follow the corners."""
     corners = mesh.plane_nodes[mesh.triangles]
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     longest = sides.argmax(axis=1)[:, None]
@@ -77,7 +77,7 @@ def sides_with_bc_longest(mesh: geomesh.Mesh) -> np.ndarray:
 def test_squared_sides_are_of_the_size_of_table_1_and_sides_are_not(name, told):
     sides = sides_with_bc_longest(geomesh.mesh_raster(SAMPLES / name, preset="paper"))
     squared = np.median(sides**2, axis=1)
-    # What docs/paper.md tells; another processor may round otherwise.
+    # The values in docs/paper.md. Another processor may round differently.
     np.testing.assert_allclose(squared, told, rtol=0.03)
     assert np.abs(np.log(squared / PROPOSED)).max() < np.log(1.3)
     assert (np.median(sides, axis=1) < np.array(PROPOSED) / 5).all()

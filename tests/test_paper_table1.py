@@ -1,4 +1,4 @@
-"""What follows from the paper's Table 1 and eq. (10) by arithmetic alone."""
+"""Facts that follow from the paper's Table 1 and eq. (10) by arithmetic alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay
 
 from geomesh.mesh.quality import ki, measure
 
-# AB, BC, CA, and Ki as the abstract and as the table have it.
+# AB, BC, CA, and Ki from the abstract and from the table.
 PROPOSED = (101, 213, 99), 104.46, 102
 SILVA = (97, 160, 85), 78.51, 80
 
@@ -24,13 +24,13 @@ labellings = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
 def sides_of(triangles, lots):
-    """Sides (3, T) of triangles, called AB, BC and CA in an order drawn for each of them."""
+    """Return the sides (3, T) of triangles. For each one, AB, BC and CA are chosen at random."""
     sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
     return lots.permuted(sides, axis=1).T
 
 
 def all_that_round_to(sides):
-    """Ki of the ends of the intervals that are rounded to these sides: it is monotone in each."""
+    """Return Ki at the limits of the values that round to these sides. Ki is monotone in each."""
     return [float(ki(*ends)) for ends in product(*((s - 0.5, s + 0.5) for s in sides))]
 
 
@@ -54,7 +54,7 @@ def test_the_sides_of_the_other_model_are_those_of_a_triangle():
 
 @given(corners, labellings)
 def test_mean_sides_of_any_triangles_are_sides_of_a_triangle(triangles, lots):
-    """However AB, BC and CA are chosen in each: so 101, 213, 99 are no means over one set."""
+    """This holds for any choice of AB, BC and CA. So 101, 213, 99 are not means over one set."""
     ab, bc, ca = sides_of(triangles, lots).mean(axis=1)
     slack = 1e-9 * (ab + bc + ca)
     assert bc <= ab + ca + slack
@@ -64,7 +64,7 @@ def test_mean_sides_of_any_triangles_are_sides_of_a_triangle(triangles, lots):
 
 @given(corners, labellings)
 def test_mean_ki_is_below_the_mean_of_either_side_in_its_numerator(triangles, lots):
-    """So a mean Ki of 102, or of 104.46, beside a mean CA of 99 is none over the same triangles."""
+    """So a mean Ki of 102 or 104.46 and a mean CA of 99 are not from the same triangles."""
     ab, bc, ca = sides_of(triangles, lots)
     found = ki(ab, bc, ca)
     assert (found <= np.minimum(bc, ca) * (1 + 1e-12)).all()
@@ -80,7 +80,7 @@ lengths = st.floats(0.01, 1000)
 def test_ki_is_symmetric_in_ca_and_bc_and_in_no_other_two_sides(ab, bc, ca):
     found = float(ki(ab, bc, ca))
     assert found == pytest.approx(ki(ab, ca, bc), rel=1e-12)
-    # AB and BC, or AB and CA, change places.
+    # AB and BC, or AB and CA, are swapped.
     assert found / ki(bc, ab, ca) == pytest.approx(bc / ab, rel=1e-12)
     assert found / ki(ca, bc, ab) == pytest.approx(ca / ab, rel=1e-12)
 
@@ -91,7 +91,7 @@ def test_ki_of_any_lengths_has_degree_one(ab, bc, ca, factor):
 
 
 def test_ki_ranks_coarse_meshes_of_one_image_first():
-    """With a quarter of the nodes Ki doubles; Ki / sqrt(area / N) hardly changes."""
+    """With a quarter of the nodes, Ki doubles, but Ki / sqrt(area / N) hardly changes."""
     lots = np.random.default_rng(0)
     summaries = []
     for nodes in (500, 2000):

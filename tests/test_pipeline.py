@@ -1,4 +1,4 @@
-"""mesh_raster on real rasters: what a user gets, held against independent readings of the file."""
+"""mesh_raster on real rasters: its results, compared with the file as other libraries read it."""
 
 import pickle
 import warnings
@@ -24,7 +24,7 @@ PRESETS = ["features", "paper"]
 
 
 def mask_of(path):
-    """Pixels that are valid in every band."""
+    """Return the pixels that are valid in every band."""
     with rasterio.open(path) as dataset:
         return dataset.read_masks().all(axis=0)
 
@@ -52,7 +52,7 @@ def test_counts_add_up_to_the_valid_pixels(sample, min_hole):
     counted = mesh.triangle_table["count"].sum()
     if min_hole == 1:
         assert counted == valid.sum()
-    else:  # islands of fewer pixels are left out
+    else:  # smaller islands are left out
         assert 0 <= valid.sum() - counted <= 64 * mesh.domain.islands_dropped
 
 
@@ -66,7 +66,7 @@ def test_statistics_are_those_of_the_pixels_in_each_triangle():
         owner = rasterize(
             shapes, dataset.shape, fill=-1, transform=dataset.transform, dtype="int32"
         )
-    # Rasterization and geomesh may differ on centres that lie on an edge exactly.
+    # Rasterization and geomesh may differ for centres that are exactly on an edge.
     count = np.bincount(owner[owner >= 0], minlength=len(frame))
     same = count == frame["count"]
     assert same.mean() > 0.98
@@ -107,7 +107,7 @@ def test_the_node_budget_counts_all_nodes_and_is_met(olinda, budget):
 
 
 def test_a_smaller_budget_keeps_a_part_of_the_features_of_a_larger_one(olinda):
-    """Cells differ with the budget, but the strongest features survive both."""
+    """The cells depend on the budget, but the strongest features are in both meshes."""
     large = geomesh.mesh_raster(olinda, nodes=1000)
     small = geomesh.mesh_raster(olinda, nodes=200)
     kept = small.nodes[small.node_table["kind"] == "feature"]
@@ -173,7 +173,7 @@ def test_the_domain_is_what_was_asked_for(domain):
 
 
 def test_turning_the_grid_turns_the_mesh(olinda):
-    """The same pixels on a rotated, flipped grid: same nodes in pixels, ccw on the map."""
+    """The same pixels on a rotated or flipped grid: same nodes in pixels, ccw on the map."""
     with rasterio.open(olinda) as dataset:
         bands = dataset.read()
     plain = geomesh.mesh_raster((bands, Affine(30, 0, 5e5, 0, -30, 9e6), "EPSG:31985"))
@@ -268,7 +268,7 @@ def test_no_warning_of_another_library_reaches_the_user(sample):
 
 
 def test_band_descriptions_say_what_to_show_as_colour():
-    """Bands 1, 2, 3 are blue, green, red; their colour interpretation is silent."""
+    """Bands 1, 2, 3 are blue, green, red, but their colour interpretation does not say it."""
     six = geomesh.mesh_raster(SAMPLES / "olinda_landsat7_6band_uint8.tif")
     means = np.column_stack(
         [six.triangle_table[f"{name}_mean"] for name in ("b3_red", "b2_green", "b1_blue")]
@@ -278,7 +278,7 @@ def test_band_descriptions_say_what_to_show_as_colour():
 
 
 def test_an_area_of_interest_does_not_depend_on_the_tiles():
-    """A zigzag border along the seam of two tiles, through many pixel centres."""
+    """The border is a zigzag along the seam of two tiles, through many pixel centres."""
     rng = np.random.default_rng(5)
     image = rng.integers(0, 255, (1100, 1100), np.uint8)
     transform = Affine(0.1, 0, -37.3, 0, -0.1, 12.7)

@@ -1,4 +1,4 @@
-"""Pictures: they show what they should, and are written like every other output."""
+"""Pictures: their content is correct, and they are written like every other output."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_a_mesh_drawn_on_the_map_has_the_colours_of_the_image(olinda, tmp_path):
     height, width, _ = picture.shape
     middle_part = picture[height // 4 : height // 2, width // 4 : width // 2]
     means = np.array([mesh.triangle_table[f"{c}_mean"] for c in ("red", "green", "blue")])
-    expected = means.mean(axis=1) / np.percentile(means, 99)  # a dark scene, brightened
+    expected = means.mean(axis=1) / np.percentile(means, 99)  # brightened
     assert np.abs(middle_part.mean(axis=(0, 1)) - expected).max() < 0.2
 
 

@@ -1,4 +1,4 @@
-"""The plugin's environment: found, made, kept when making a new one fails, removed."""
+"""The plugin's environment: find it, create it, keep it when an installation fails, remove it."""
 
 import os
 import subprocess
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="the fakes are script
 
 
 def script(path, text):
-    """Make a program."""
+    """Write an executable script."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     path.chmod(0o755)
@@ -40,7 +40,7 @@ def script(path, text):
 
 
 def answering(path, version):
-    """Make a program that tells a version of geomesh, and keeps a count of its runs."""
+    """Write a program that prints a version of geomesh and counts its runs."""
     return script(path, f'#!/bin/sh\necho run >> "$0.runs"\necho "geomesh, version {version}"\n')
 
 
@@ -54,7 +54,7 @@ def never():
 
 @pytest.fixture(autouse=True)
 def bare_computer(monkeypatch, tmp_path):
-    """No geomesh but those that a test makes."""
+    """A computer where only the test's own geomesh exists."""
     forget_versions()
     monkeypatch.delenv("GEOMESH_PYTHON", raising=False)
     (tmp_path / "on path").mkdir()
@@ -63,7 +63,7 @@ def bare_computer(monkeypatch, tmp_path):
 
 @pytest.fixture
 def own(tmp_path):
-    """The folder of the plugin's own environment, which is not there yet."""
+    """The folder of the plugin's own environment. It does not exist yet."""
     return tmp_path / "profile é" / "geomesh" / "environment"
 
 
@@ -73,7 +73,7 @@ def environment_at(folder, version):
     return folder
 
 
-# Finding
+# Find an environment
 
 
 def test_what_is_named_first_is_found_first(tmp_path, own, monkeypatch):
@@ -181,7 +181,7 @@ def test_a_version_is_asked_once_until_the_files_change(tmp_path, own):
     find("", own)
     find("", own)
     assert runs(python) == 1
-    os.utime(packages, (0, 0))  # pip has been at work
+    os.utime(packages, (0, 0))  # as if pip had changed the folder
     find("", own)
     assert runs(python) == 2
     os.utime(python, (0, 0))
@@ -199,7 +199,7 @@ def test_versions_compare_as_numbers(smaller, larger):
     assert environment.order(smaller) < environment.order(larger)
 
 
-# The wheel that comes along
+# The wheel in the plugin
 
 
 def test_the_newest_wheel_beside_the_plugin_is_taken(tmp_path, monkeypatch):
@@ -237,7 +237,7 @@ def test_what_there_is_is_told_without_an_exception(own, tmp_path, monkeypatch):
     )
 
 
-# A Python to start from
+# The Python to create an environment from
 
 
 def python_of(version, *missing, bits=64, path="/usr/bin/python3"):
@@ -295,7 +295,7 @@ def test_qgis_itself_is_never_run_as_a_python(tmp_path, monkeypatch):
     assert probe(python).usable
 
 
-# Making it, with a Python that only plays pip
+# Create the environment, with a Python that only simulates pip
 
 PLAYER = f"""#!{sys.executable}
 import os, shutil, sys, time
@@ -492,7 +492,7 @@ def test_a_place_that_cannot_be_written_to_is_told(tmp_path, player):
         make(tmp_path / "file" / "geomesh" / "environment", player)
 
 
-# What pip tells
+# The output of pip
 
 
 def test_progress_follows_the_downloads():
@@ -511,7 +511,7 @@ def test_progress_follows_the_downloads():
     fractions = [pip_fraction(lines[:count]) for count in range(len(lines) + 1)]
     assert fractions == sorted(fractions)
     assert fractions[0] == 0
-    # Told before it is downloaded: it counts from the next one on.
+    # The line appears before the download, so its size counts only from the next line on.
     assert fractions[6] - fractions[5] == pytest.approx(0.6 * 55 / 350, rel=0.01)
     assert fractions[-1] <= 1
 
@@ -531,7 +531,7 @@ def test_a_lost_connection_is_recognised(line):
     assert f'pip install "{WHEEL}"' in message
 
 
-# For real
+# Real installations
 
 
 @pytest.mark.slow
@@ -552,7 +552,7 @@ def test_the_test_raster_has_a_crs_and_gives_a_mesh_with_nodes_inside(tmp_path):
 
 @pytest.mark.slow
 def test_the_whole_life_of_an_environment(own, tmp_path, monkeypatch):
-    """Installed from a wheel, kept without a network and when cancelled, verified, removed."""
+    """Install from a wheel, fail without network and when cancelled, verify, remove."""
     subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "-w", tmp_path, ROOT],
         check=True,
@@ -596,7 +596,7 @@ def test_the_whole_life_of_an_environment(own, tmp_path, monkeypatch):
         find("", own)
 
 
-# Removing it
+# Remove the environment
 
 
 def test_removal_takes_what_unfinished_installations_left(own):

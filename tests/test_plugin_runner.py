@@ -1,4 +1,4 @@
-"""The plugin's way to run geomesh: real children, some of them badly behaved."""
+"""How the plugin runs geomesh: real child processes, some of them with errors."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="it looks into /proc"
 
 @dataclass
 class Listener:
-    """Keeps what it is told; asks for a stop once `stop` is set, or the progress reaches it."""
+    """Records all reports. Cancels when `stop` is set or the progress reaches `stop_at`."""
 
     fractions: list[float] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -54,7 +54,7 @@ def listener():
 
 @pytest.fixture
 def fake(tmp_path):
-    """Return a function that makes a command out of lines of Python."""
+    """Return a function that makes a command from lines of Python."""
 
     def make(code):
         script = tmp_path / "fake.py"
@@ -83,7 +83,7 @@ def left(folder):
 
 
 def is_running(pid):
-    """Whether a process is there and not merely waiting to be reaped."""
+    """Return whether a process exists and is not a zombie."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except FileNotFoundError:
@@ -100,7 +100,7 @@ def wait_until(condition, seconds):
     return condition()
 
 
-# What it is told
+# Messages
 
 
 def test_a_mesh_is_made_and_told(tmp_path, listener):
@@ -203,7 +203,7 @@ def test_much_text_on_both_streams_blocks_nothing(fake, listener):
     assert listener.run(*command) == Outcome((), {})
 
 
-# How it ends
+# End of the process
 
 
 def test_a_command_that_says_nothing_is_an_error(fake, listener):
@@ -272,7 +272,7 @@ def test_an_environment_without_geomesh_is_a_clear_error(tmp_path, listener):
         listener.run(sys.executable, "-m", "geomesh_that_is_not_there")
 
 
-# Stopping
+# Cancellation
 
 
 def test_cancelling_a_real_mesh_leaves_nothing(tmp_path, listener):
@@ -284,7 +284,7 @@ def test_cancelling_a_real_mesh_leaves_nothing(tmp_path, listener):
 
 @pytest.mark.slow
 def test_cancelling_while_writing_keeps_the_old_file(tmp_path, listener):
-    # Of so many triangles that writing them takes longer than to stop.
+    # It has many triangles, so that writing them takes longer than to stop.
     large = write_mirrored(tmp_path / "large.tif", LARGE.name, 1500, 1500)
     out = tmp_path / "mesh.gpkg"
     out.write_text("old")
@@ -424,7 +424,7 @@ run(sys.argv[1:], progress=progress, warn=print, cancelled=lambda: False)
 """
 
 
-# Its environment
+# Environment variables
 
 
 def test_the_environment_of_qgis_is_left_out():

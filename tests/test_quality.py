@@ -1,4 +1,4 @@
-"""Quality: figures worked out by hand, the paper's Table 1, and what must always hold."""
+"""Quality: figures computed by hand, the paper's Table 1, and properties that always hold."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def test_ki_grows_with_the_scale_and_shapes_do_not(points, factor):
 
 
 def test_summary_of_two_triangles_typed_by_hand():
-    # A 3-4-5 triangle and one of three times its area on the same side of 4.
+    # A 3-4-5 triangle and one with three times its area on the other side of the edge of 4.
     points = np.array([(0, 0), (3, 0), (0, 4), (-9, 0)], float)
     triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     quality = measure(points, triangles, size=(20, 10))
@@ -226,12 +226,12 @@ def test_summary_of_two_triangles_typed_by_hand():
         }
     )
     assert summary["measures"]["area"]["mean"] == 12
-    # Areas 6 and 18 about a mean of 12.
+    # The areas are 6 and 18, and their mean is 12.
     assert quality.table["relative_size_squared"].tolist() == pytest.approx([1 / 4, 4 / 9])
 
 
 def test_the_share_of_small_angles_counts_triangles():
-    # Right triangles whose small angles are 5.7, 14.0 and 45 degrees.
+    # Right triangles whose smallest angles are 5.7, 14.0 and 45 degrees.
     points = np.array([(0, 0), (10, 0), (10, 1), (10, 2.5), (10, 10)], float)
     triangles = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32)
     shares = measure(points, triangles, size=(10, 10)).summary()["share_min_angle_under"]

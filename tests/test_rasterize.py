@@ -1,6 +1,6 @@
-"""Scan: who owns a pixel, against exact arithmetic, against GDAL, and against itself.
+"""Scan: the owner of each pixel, compared with exact arithmetic, with GDAL, and with itself.
 
-Properties have no deadline, because the first call of a kernel may compile it.
+Hypothesis tests have no deadline, because the first call of a kernel may compile it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ONE = np.array([[0, 1, 2]], np.int32)
 
 
 def owned_exactly(corners, window: Window) -> np.ndarray:
-    """Pixels of one triangle by the half-open rule, in rational arithmetic."""
+    """Return the pixels of one triangle by the half-open rule, in rational arithmetic."""
     points = [(Fraction(x), Fraction(y)) for x, y in corners]
     owned = np.zeros(window.shape, bool)
     for r in range(window.height):
@@ -41,7 +41,7 @@ def owned_exactly(corners, window: Window) -> np.ndarray:
     return owned
 
 
-# On steps of 1/2 pixel most corners and many sides run through pixel centres.
+# With steps of 1/2 pixel, most corners and many sides are on pixel centres.
 on_grid = st.sampled_from([1 / 256, 1 / 2, 1 / 4, 1]).flatmap(
     lambda step: st.lists(
         st.tuples(
@@ -69,7 +69,7 @@ def test_ownership_is_exact_in_triangles_of_65536_pixels(corners, data):
     nodes = np.array(corners) / 256
     low, high = np.sort(nodes[:, 1])[[0, 2]]
     row = data.draw(st.integers(int(low), max(int(high), int(low))))
-    # Look where the sides cross the row: that is where rounding could tell.
+    # Check where the sides cross the row, because rounding could matter there.
     for k in range(3):
         (xa, ya), (xb, yb) = nodes[k], nodes[(k + 1) % 3]
         near = xa + (row + 0.5 - ya) * (xb - xa) / (yb - ya) if ya != yb else xa
@@ -80,8 +80,8 @@ def test_ownership_is_exact_in_triangles_of_65536_pixels(corners, data):
 
 @pytest.mark.parametrize("along", [-2, 0.5, 2])
 def test_a_side_meets_a_pixel_centre_exactly_wherever_it_runs(along):
-    # Near x = 0 nothing hides what rounding left of the difference of two large
-    # numbers. `along` puts the third corner below, between or above the side's ends.
+    # Near x = 0, the rounding error of the difference of two large numbers is visible.
+    # `along` puts the third corner below, between or above the side's ends.
     rng = np.random.default_rng(17)
     for _ in range(2000):
         step = rng.integers(1, 1500, 2) * rng.choice([-1, 1], 2) / 256

@@ -1,4 +1,4 @@
-"""Recipe: what goes in comes back, and what makes no sense is refused in one line."""
+"""Recipe: values are kept exactly, and invalid values are refused in one line."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_an_unknown_preset_is_refused(name: Any) -> None:
     assert "features" in str(caught.value)
 
 
-# Unknown names and values that make no sense
+# Unknown names and invalid values
 
 
 @pytest.mark.parametrize("name", ["canny", "Canny_low", "node", ""])
@@ -336,7 +336,7 @@ def test_only_low_octaves_of_the_gray_image_are_local(values: dict, expected: bo
     assert Recipe(**values).is_local is expected
 
 
-# Import weight
+# Modules that an import loads
 
 HEAVY = ("cv2", "geopandas", "matplotlib", "numba", "numpy", "rasterio", "rich", "scipy", "shapely")
 

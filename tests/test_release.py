@@ -1,4 +1,4 @@
-"""What a release goes by: the workflows of CI and the citation say what the project says."""
+"""The files for a release: the CI workflows and the citation agree with the project."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
 def workflow(name):
-    """A workflow; its key `on` is a truth to YAML 1.1."""
+    """Return a workflow. YAML 1.1 reads its key `on` as True."""
     document = yaml.safe_load((WORKFLOWS / name).read_text(encoding="utf-8"))
     return {"on": document.pop(True), **document}
 
@@ -46,7 +46,7 @@ def test_what_the_workflows_make_is_in_the_makefile(target):
 
 
 def test_the_tests_start_as_make_starts_them():
-    """Windows has no make."""
+    """Windows has no make, so the workflow must contain the same command as the Makefile."""
     (started,) = re.findall(r"^python -m pytest.*", COMMANDS, re.MULTILINE)
     rules = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert started.replace("python", "$(BIN)/python", 1) in rules
@@ -101,7 +101,7 @@ def test_the_citation_is_that_of_this_version():
     assert {"message", "abstract", "keywords"} <= set(citation)
     (paper,) = citation["references"]
     assert paper["title"].startswith("Proposed System for Convert Satellite Surface Image")
-    # Nothing that the text of the paper does not give.
+    # Only fields that the text of the paper contains.
     assert set(paper) == {"type", "title", "authors", "notes"}
 
 

@@ -1,4 +1,4 @@
-"""A raster behind a URL: only the bytes that a part needs, and one line when they do not come."""
+"""A raster at a URL: only the necessary bytes are read, and errors are reported in one line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-# What GDAL recommends to those who read from the web: no listing of the folder.
+# GDAL recommends this setting for reading from the web: it does not list the folder.
 AS_USERS_DO = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}
 
 SIDE, TILE, BLOCK = 4096, 1024, 256
@@ -35,16 +35,16 @@ SIDE, TILE, BLOCK = 4096, 1024, 256
 
 @dataclass
 class Served:
-    """A folder behind HTTP, and who asked for what.
+    """A folder that is available over HTTP, with a log of the requests.
 
     Parameters
     ----------
     folder : Path
     url : str
     log : list of (method, path, first byte, last byte)
-        -1 where no range was asked for.
+        -1 if the request had no range.
     ends : int, optional
-        Bytes from here on are promised, but the connection breaks off.
+        Position at which the connection breaks. The header promises more bytes.
     """
 
     folder: Path
@@ -55,7 +55,7 @@ class Served:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Holds scene.tif, of 4 x 4 tiles with overviews, header first as in a COG."""
+    """A folder with scene.tif: 4 x 4 tiles with overviews, and its header first as in a COG."""
     folder = tmp_path_factory.mktemp("web")
     plain = write_mirrored(folder / "plain.tif", "olinda_landsat7_rgb_uint8.tif", SIDE, SIDE)
     with rasterio.open(plain, "r+") as dataset:
@@ -109,7 +109,7 @@ def served(folder: Path) -> Iterator[Served]:
             pass
 
         def handle(self) -> None:
-            with suppress(ConnectionError):  # whoever asked has gone
+            with suppress(ConnectionError):  # the client has closed the connection
                 super().handle()
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
@@ -122,7 +122,7 @@ def served(folder: Path) -> Iterator[Served]:
 
 
 def box(path: Path, left: int, top: int, right: int, bottom: int) -> tuple[float, ...]:
-    """Map bounds of a box in pixels."""
+    """Return the map bounds of a box in pixels."""
     with rasterio.open(path) as dataset:
         west, north = dataset.transform @ (left, top)
         east, south = dataset.transform @ (right, bottom)
@@ -130,7 +130,7 @@ def box(path: Path, left: int, top: int, right: int, bottom: int) -> tuple[float
 
 
 def blocks(path: Path) -> dict[tuple[int, int], tuple[int, int]]:
-    """First and last byte of each block (column, row) of the raster itself, not its overviews."""
+    """Return the first and last byte of each block (column, row), without the overviews."""
     found = {}
     with rasterio.open(path) as dataset:
         for col, row in product(range(SIDE // BLOCK), repeat=2):
@@ -151,7 +151,7 @@ def test_only_the_part_asked_for_is_fetched(folder: Path, served: Served, prefix
         mesh = geomesh.mesh_raster(f"{prefix}{served.url}/scene.tif", bounds=bounds, workers=2)
     local = geomesh.mesh_raster(path, bounds=bounds)
     same, other = fingerprint(mesh), fingerprint(local)
-    assert {name for name in same if same[name] != other[name]} == {"metadata"}  # its name
+    assert {name for name in same if same[name] != other[name]} == {"metadata"}  # names differ
 
     assert {name for _, name, _, _ in served.log} == {"/scene.tif"}
     ranges = [(first, last) for method, _, first, last in served.log if method == "GET"]
@@ -173,7 +173,7 @@ def test_only_the_part_asked_for_is_fetched(folder: Path, served: Served, prefix
 
 @pytest.mark.slow
 def test_far_part_of_a_scene_is_seen_through_its_overviews(folder: Path, served: Served) -> None:
-    """To look at all of it before the work begins takes a part of the bytes, less of more."""
+    """The first look at the whole scene reads only a part of its bytes."""
     path = folder / "scene.tif"
     far = {spot: where for spot, where in blocks(path).items() if spot != (0, 0)}
     seen: list[int] = []
@@ -190,7 +190,7 @@ def test_far_part_of_a_scene_is_seen_through_its_overviews(folder: Path, served:
 
 
 def run(*arguments: str | Path) -> tuple[int, str, str]:
-    """The command line as a program of its own, with the settings that users give."""
+    """Run the command line as a separate program, with the settings that users have."""
     done = subprocess.run(
         [sys.executable, "-m", "geomesh", "mesh", *map(str, arguments)],
         capture_output=True,

@@ -1,4 +1,4 @@
-"""Meshes painted as GeoTIFFs: what the files hold, by rasterio alone, and what is refused."""
+"""Meshes painted as GeoTIFFs: the content of the files, read with rasterio, and errors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return source, mesh_of(source).to_file(folder / "mesh.gpkg")
 
 
-# ---------------------------------------------------------------- what the file holds
+# ---------------------------------------------------------------- content of the file
 
 
 @pytest.mark.slow
@@ -71,11 +71,11 @@ def test_each_sample_is_painted_on_its_pixels(tmp_path: Path, sample: Path, mode
     peak = 255 if dtype == np.uint8 else np.ptp(counted, axis=1)
     np.testing.assert_allclose(told.rmse, rmse, rtol=1e-9)
     np.testing.assert_allclose(told.psnr, 20 * np.log10(peak / rmse), rtol=1e-9)
-    # Rounding, and cutting off what is beyond the type, change little.
+    # Rounding and clipping to the range of the data type change little.
     surface = mesh.psnr(sample, model=model)
     np.testing.assert_allclose(told.psnr, surface.psnr, atol=0.2)
     if dtype.kind != "f":
-        step = 0.3  # the deviation of rounding is 1 / sqrt(12)
+        step = 0.3  # the standard deviation of rounding is 1 / sqrt(12)
         assert (np.array(told.rmse) <= np.array(surface.rmse) + step).all()
 
 
@@ -242,7 +242,7 @@ def test_creation_options_are_those_of_gdal(
         assert painted.profile["compress"] == "jpeg"
         assert painted.dataset_mask().all()
         errors = painted.read().astype(float) - true.read()
-    # What the compression loses counts.
+    # The error includes the loss from compression.
     assert result["psnr"] == pytest.approx(20 * np.log10(255 / np.sqrt((errors**2).mean())))
 
 
@@ -339,7 +339,7 @@ def test_existing_output_is_kept_or_replaced_whole(
         assert "choose another name" in error or "GeoTIFF" in error
 
 
-# ---------------------------------------------------------------- programs of their own
+# ---------------------------------------------------------------- separate programs
 
 
 @pytest.mark.slow
@@ -347,7 +347,7 @@ def test_existing_output_is_kept_or_replaced_whole(
 def test_full_disk_is_told_and_the_old_file_is_kept(
     tmp_path: Path, small_disk: tuple[Path, Mapping[str, Any]], rows: int, fits: bool
 ) -> None:
-    """Also where so little does not fit that GDAL meets the end only as it closes the file."""
+    """This includes files that are only slightly too large: GDAL notices it on closing."""
     folder, options = small_disk
     source = write_raster(tmp_path, data=picture(1, rows, 300).astype(np.float64))
     mesh = mesh_of(source, nodes=200).to_file(tmp_path / "mesh.gpkg")
@@ -357,7 +357,7 @@ def test_full_disk_is_told_and_the_old_file_is_kept(
     run = run_program("render", mesh, "--like", source, "-o", output, "--overwrite", **options)
     assert (run.code == 0) == fits, (whole.stat().st_size, run.err)
     assert snapshot(folder) == {"painted.tif": whole.read_bytes() if fits else OLD}
-    # libtiff prints lines of its own.
+    # libtiff also prints its own lines.
     errors = [line for line in run.err.splitlines() if line.startswith("Error")]
     assert len(errors) == (0 if fits else 1)
     for error in errors:

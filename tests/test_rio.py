@@ -1,6 +1,6 @@
-"""`rio geomesh ...`: the same commands among rasterio's, with its options for GDAL.
+"""`rio geomesh ...`: the same commands inside rasterio's command, with its options for GDAL.
 
-That rio finds them is tested with the wheel, in test_packaging.py.
+A test in test_packaging.py checks, with the wheel, that rio finds the commands.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from support.samples import OLINDA
 
 @pytest.fixture
 def rio(monkeypatch):
-    """Run a command of rio in this process; return what it printed on stdout and stderr."""
+    """Run a command of rio in this process; return its standard output and standard error."""
     monkeypatch.setitem(main_group.commands, "geomesh", cli)
 
     def run(*arguments, code=0):
@@ -68,7 +68,7 @@ def test_the_options_of_rio_reach_gdal_and_end_with_the_command(rio, monkeypatch
     rio("--aws-no-sign-requests", "geomesh", "look")
     assert seen[0]["AWS_NO_SIGN_REQUEST"] == "YES"
     assert not rasterio.env.hasenv()
-    # On its own, geomesh leaves an Env to whoever opened one.
+    # Without rio, geomesh does not close an Env that its caller has opened.
     with rasterio.Env(GDAL_HTTP_TIMEOUT=7):
         CliRunner().invoke(cli, ["look"], catch_exceptions=False)
     assert seen[1]["GDAL_HTTP_TIMEOUT"] == 7

@@ -24,7 +24,7 @@ class StoppedError(Exception):
 
 @pytest.fixture(autouse=True)
 def stopping() -> Iterator[None]:
-    """SIGTERM raises StoppedError, as long as the test lasts."""
+    """During the test, SIGTERM raises StoppedError."""
     before = signal.getsignal(signal.SIGTERM)
 
     def stop() -> None:

@@ -1,4 +1,4 @@
-"""Table: columns in order, read-only, never of unequal length."""
+"""Table: columns in order, read-only, always of equal length."""
 
 from __future__ import annotations
 

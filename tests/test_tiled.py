@@ -1,4 +1,4 @@
-"""Large sets by tiles: the same triangles as in one piece, whatever the tiles."""
+"""Large sets of points in tiles: the same triangles as in one piece, for any tiles."""
 
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -22,7 +22,7 @@ TILES = (2, 30, 400)
 
 
 def triangulated(points, segments=None, tile=None, executor=None):
-    """Whole, or by tiles of at most so many points."""
+    """Triangulate as a whole, or in tiles of at most `tile` points."""
     with pytest.MonkeyPatch.context() as patch:
         if tile is not None:
             patch.setattr(triangulate, "TILED_ABOVE", 0)
@@ -91,7 +91,7 @@ def test_equals_the_global_triangulation_on_cocircular_points(points):
 
 @pytest.mark.slow
 def test_equals_the_global_triangulation_on_a_turned_lattice_far_from_the_origin():
-    """Ties and near ties that only exact arithmetic tells apart."""
+    """Only exact arithmetic can distinguish the ties and near ties in these points."""
     points = lattice(40, 40) @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + 5e6
     assert_delaunay(points, assert_same_by_tiles(points).triangles)
 
@@ -142,8 +142,8 @@ def test_cocircular_points_are_joined_to_the_lowest():
     points = np.array([(5, 0), (4, 3), (3, 4), (0, 5), (-3, 4), (-5, 0), (-4, -3), (3, -4.0)])
     triangles, _ = triangulated(points)
     assert as_sets(triangles) == {frozenset((7, k, k + 1)) for k in range(6)}
-    # A constraint is never merged across: each side has a fan of its own. Said twice,
-    # because what lies behind a single one is outside.
+    # Triangles are never merged across a constraint, so each side has its own fan. The chord
+    # is given twice, because the area behind a single one is outside.
     chord = np.array([(0, 3), (0, 3)])
     triangles, _ = triangulated(points, np.vstack([loop(0, 8), chord]))
     fans = [(0, 1, 2), (0, 2, 3), (7, 0, 3), (7, 3, 4), (7, 4, 5), (7, 5, 6)]
@@ -168,7 +168,7 @@ def test_the_frame_and_keypoints_on_it():
 
 
 def test_nested_loops_with_holes_and_long_segments():
-    """Sides that cross many tiles, from a few far nodes, through dense points."""
+    """Sides that cross many tiles, from a few distant nodes, through dense points."""
     nested = np.vstack([ring(3, 400), ring(4, 150), ring(5, 100, 0.2), ring(3, 60, 1.0)])
     nested = np.round(nested * 256) / 256
     segments = np.vstack([loop(0, 3), loop(3, 4), loop(7, 5), loop(12, 3)])
@@ -182,10 +182,10 @@ def test_nested_loops_with_holes_and_long_segments():
 
 
 def test_loops_that_share_a_side_keep_it():
-    """Twice a segment, with points on it: both sides stay, and ties end at its pieces."""
+    """A segment is given twice and has points on it: both sides stay, and ties end at its parts."""
     square = np.array([(0, 0), (12, 0), (12, 12), (0, 12), (24, 0), (24, 12)], float)
     segments = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (1, 4), (4, 5), (5, 2), (2, 1)])
-    # Two on the side, and three on the circle through them, the lowest to the left.
+    # Two points on the side and three on the circle through them, the lowest on the left.
     circle = np.array([(12, 2), (12, 10), (9, 1), (14, 6), (5, 3)], float)
     dense = integers(8, 25, 200)
     dense = dense[~(dense[:, None] == square).all(axis=2).any(axis=1) & (dense[:, 1] <= 12)]
@@ -198,7 +198,10 @@ def test_loops_that_share_a_side_keep_it():
 
 
 def outlines(cells, joined):
-    """Corners (N, 2) and sides (S, 2) of the loops around the True cells; straight ones joined."""
+    """Return corners (N, 2) and sides (S, 2) of the loops around True cells.
+
+    If `joined`, collinear sides are joined.
+    """
     padded = np.pad(cells, 1).astype(int)
     across, down = np.diff(padded, axis=1)[1:-1], np.diff(padded, axis=0)[:, 1:-1]
     sides = {((r, c), (r + 1, c)) for r, c in np.argwhere(across).tolist()}
@@ -252,7 +255,7 @@ def test_any_outline_with_holes_and_pinches(rows, joined, shear, size, count, se
 
 @given(seed=st.integers(0, 10**6), tile=st.integers(1, 60), sides=st.integers(3, 14))
 def test_any_star_among_random_points(seed, tile, sides):
-    """No two points on a line, coordinates of 53 bits, long sides through everything."""
+    """No three points are collinear, coordinates use 53 bits, and sides are long."""
     rng = np.random.default_rng(seed)
     star = ring(sides, 1.0, 0.1) * rng.uniform(0.05, 1, (sides, 1))
     points = np.vstack([star, rng.uniform(-1, 1, (150, 2))])
@@ -285,7 +288,7 @@ def test_threads_change_nothing(workers):
 
 
 def test_few_points_are_triangulated_twice(monkeypatch):
-    """What the tiles leave over is a matter of their borders, not of their size."""
+    """The number of points left over depends on the borders of the tiles, not on their size."""
     counts = []
     engine = tiled.triangulate_points
     monkeypatch.setattr(
@@ -344,11 +347,11 @@ def test_boxes_hold_no_point_of_another_tile(points, most):
     nudge=st.sampled_from([0, 0, 1, -1, 5]),
 )
 def test_cocircular_is_decided_exactly(angles, scale, shift, nudge):
-    """Points of a circle of radius 5, moved and scaled with rounding, one by a last digit."""
+    """Points on a circle of radius 5, moved and scaled with rounding, one by its last digit."""
     circle = [(5, 0), (4, 3), (3, 4), (0, 5), (-3, 4), (-4, 3)]
     circle += [(-x, -y) for x, y in circle]
     points = np.array(circle, float)[angles] * scale + np.array(shift)
-    # Not from zero: the fourth power of the smallest numbers is none.
+    # Not from zero, because the fourth power of the smallest numbers is zero.
     column = int(points[1, 0] == 0)
     for _ in range(abs(nudge)):
         points[1, column] = np.nextafter(points[1, column], np.inf * nudge)
@@ -360,7 +363,7 @@ def test_cocircular_is_decided_exactly(angles, scale, shift, nudge):
 
 @pytest.mark.parametrize("radius", [3.0, 2.0**17, 5 * 2.0**18, 2.0**19 + 1 / 256, 2.0**40, 1e7 / 3])
 def test_one_step_along_the_tangent_is_seen(radius):
-    """It changes the determinant by less than float64 can tell, and is seen all the same."""
+    """The determinant changes by less than the precision of float64, but this is detected."""
     points = radius * np.array([(1, 0), (0, 1), (-1, 0), (0, -1.0)])
     assert are_cocircular(*points[:, None]).all()
     points[0, 1] = max(1 / 256, radius * 2.0**-32)

@@ -1,4 +1,4 @@
-"""Topology: two triangles typed by hand, and brute force over random triangulations."""
+"""Topology: two triangles written by hand, and brute force over random triangulations."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NONE = np.empty((0, 3), np.int32)
 
 
 def disc(rows: int, cols: int) -> np.ndarray:
-    """Counter-clockwise triangles of a lattice of cells, two in each, row by row."""
+    """Return counter-clockwise triangles of a lattice, two for each cell, row by row."""
     first = (np.arange(rows)[:, None] * (cols + 1) + np.arange(cols)).ravel()
     right, up = first + 1, first + cols + 1
     cells = np.stack([np.stack([first, right, up + 1]), np.stack([first, up + 1, up])])
@@ -38,7 +38,7 @@ def disc(rows: int, cols: int) -> np.ndarray:
 
 @st.composite
 def triangulations(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """Points and counter-clockwise Delaunay triangles, ids and corners shuffled."""
+    """Points and counter-clockwise Delaunay triangles, with random numbers and first corners."""
     seed = draw(st.integers(0, 2**32 - 1))
     count = draw(st.integers(3, 40))
     rng = np.random.default_rng(seed)
@@ -59,11 +59,11 @@ def directed(triangle: np.ndarray) -> list[tuple[int, int]]:
 
 
 def owners(triangles: np.ndarray) -> dict[tuple[int, int], int]:
-    """Which triangle runs along each directed edge."""
+    """Return the triangle of each directed edge."""
     return {pair: t for t, triangle in enumerate(triangles) for pair in directed(triangle)}
 
 
-# By hand
+# Examples by hand
 
 
 def test_edges_of_two_triangles() -> None:
@@ -123,7 +123,7 @@ def test_edge_keys_tell_pairs_apart_whatever_their_direction(
     assert len(set(keys.tolist())) == len(distinct)
 
 
-# Against brute force
+# Compared with brute force
 
 
 @given(triangulations())
@@ -154,7 +154,7 @@ def test_edges_of_any_triangles_are_those_of_a_dictionary(
             a, b = triangle[corner], triangle[(corner + 1) % 3]
             pair = min(a, b), max(a, b)
             uses[pair] += 1
-            (left if a < b else right)[pair] = t  # of several, the last
+            (left if a < b else right)[pair] = t  # if there are several, the last one
     pairs = sorted(uses)
     edges = build_edges(triangles)
     assert list(map(tuple, edges.nodes.tolist())) == pairs
@@ -194,7 +194,7 @@ def test_neighbours_are_those_of_qhull(mesh: tuple[np.ndarray, np.ndarray]) -> N
     found = neighbours(triangles)
     for nodes, across in zip(qhull.simplices.tolist(), qhull.neighbors.tolist(), strict=True):
         here = name[frozenset(nodes)]
-        # Qhull's neighbour k too lies opposite to corner k of its own simplex.
+        # In Qhull too, neighbour k is opposite to corner k of the triangle.
         expected = {
             node: FILL if other < 0 else name[frozenset(qhull.simplices[other].tolist())]
             for node, other in zip(nodes, across, strict=True)
@@ -213,7 +213,7 @@ def test_the_boundary_is_the_convex_hull_counter_clockwise(
     assert len(pairs) == len(hull)
     x, y = points.T
     start, stop = pairs.T
-    # All else lies on the left hand of each of the hull's edges.
+    # All other points are on the left of each edge of the hull.
     turn = (x[stop] - x[start])[:, None] * (y - y[start][:, None])
     turn -= (y[stop] - y[start])[:, None] * (x - x[start][:, None])
     assert (turn > -1e-9).all()
@@ -245,7 +245,7 @@ CENTRE_CELL = [8, 9]  # the two triangles of the middle cell
 ANNULUS = np.delete(DISC, CENTRE_CELL, axis=0)
 TWO_DISCS = np.concatenate([DISC, DISC + 100])
 PINCHED = np.concatenate([PAIR, PAIR[:, [0, 1, 2]] + 10])
-PINCHED[PINCHED == 10] = 2  # the second square hangs on node 2 of the first
+PINCHED[PINCHED == 10] = 2  # both squares share node 2
 
 
 @pytest.mark.parametrize(

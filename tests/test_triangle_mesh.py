@@ -1,4 +1,4 @@
-"""Mesh: a value that cannot change, and its layers as they lie on the map."""
+"""Mesh: an immutable value, and its layers on the map."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def arrays_of(mesh: Mesh) -> dict[str, np.ndarray]:
     }
 
 
-# A value
+# Immutability
 
 
 @pytest.mark.parametrize("name", ["nodes", "triangles", "grid", "metadata", "provenance", "new"])
@@ -332,7 +332,7 @@ def test_a_mesh_without_triangles_has_empty_layers(layer: Any) -> None:
 
 
 def brute_force_lengths(mesh: Mesh) -> dict[tuple[int, int], float]:
-    """Map length of each pair of nodes that some triangle joins, both ways."""
+    """Return the map length of each edge of a triangle, in both directions."""
     places = [(node.x, node.y) for node in mesh.to_geodataframe("nodes").geometry]
     return {
         (int(a), int(b)): math.dist(places[a], places[b])

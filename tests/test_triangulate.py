@@ -1,4 +1,4 @@
-"""Stage 4 against scipy, shapely and exact arithmetic."""
+"""Stage 4, compared with scipy, shapely and exact arithmetic."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_equals_scipy_on_random_points(count):
 @pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 5e6])
 def test_is_right_where_qhull_is_not(offset):
-    """A turned lattice far from the origin: rounding makes every square nearly cocircular."""
+    """A rotated lattice far from the origin: rounding makes every square nearly cocircular."""
     y, x = np.mgrid[:60, :60].astype(float)
     points = np.column_stack([0.8 * x.ravel() - 0.6 * y.ravel(), 0.6 * x.ravel() + 0.8 * y.ravel()])
     points = points + offset
@@ -39,7 +39,7 @@ def test_is_right_where_qhull_is_not(offset):
     )
 )
 def test_cocircular_and_collinear_points(points):
-    """Points of a small integer lattice: most circles hold several."""
+    """Points of a small integer lattice: most circles contain several of them."""
     points = np.array(points, float).reshape(-1, 2)
     triangles, used = delaunay(points)
     hull = shapely.convex_hull(shapely.multipoints(points)).area if len(points) else 0

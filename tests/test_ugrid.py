@@ -1,4 +1,4 @@
-"""UGRID files: read by xugrid, and by hand."""
+"""UGRID files: read with xugrid, and directly."""
 
 from dataclasses import replace
 

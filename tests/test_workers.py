@@ -1,4 +1,4 @@
-"""Whoever does the work, the mesh is the same; and whoever fails at it is named."""
+"""The mesh does not depend on which workers make it, and errors name their cause."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """3 x 3 tiles, half of the pixels without data."""
+    """A raster of 3 x 3 tiles; half of its pixels are nodata."""
     folder = tmp_path_factory.mktemp("scene")
     return write_mirrored(folder / "scene.tif", NODATA_EDGE, 2300, 2100)
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """2 x 2 tiles."""
+    """A raster of 2 x 2 tiles."""
     folder = tmp_path_factory.mktemp("small")
     return write_mirrored(folder / "small.tif", NODATA_EDGE, 1300, 1200)
 
@@ -65,7 +65,7 @@ def pool() -> Iterator[ProcessPoolExecutor]:
 
 
 def box_of(path: Path, left: float, top: float, right: float, bottom: float) -> tuple[float, ...]:
-    """Map bounds of a box in pixels."""
+    """Return the map bounds of a box in pixels."""
     with rasterio.open(path) as dataset:
         (west, north), (east, south) = (
             dataset.transform @ (left, top),
@@ -79,7 +79,7 @@ def box_of(path: Path, left: float, top: float, right: float, bottom: float) -> 
 
 
 def await_no_threads() -> None:
-    """Tasks that were under way may come to their end; no thread stays."""
+    """Wait until all threads have ended. Running tasks may finish."""
     deadline = time.monotonic() + 20
     while any(thread.name.startswith("geomesh") for thread in threading.enumerate()):
         assert time.monotonic() < deadline
@@ -148,10 +148,10 @@ def test_open_dataset_is_read_by_threads_and_stays_open(small: Path) -> None:
 
 @pytest.mark.slow
 def test_order_in_which_tiles_are_done_does_not_matter(scene: Path) -> None:
-    """Tasks are begun in any order, and end in any order."""
+    """Tasks start in any order and end in any order."""
 
     class Shuffled(Executor):
-        """Does the tasks that are under way one by one, whichever comes."""
+        """Runs the submitted tasks one by one, in a random order."""
 
         _max_workers = 4
 
@@ -211,11 +211,11 @@ def test_one_dataset_may_be_meshed_twice_at_the_same_time(olinda: Path) -> None:
             assert fingerprint(mesh) == alone
 
 
-# ------------------------------------------------------------------ how work goes on
+# ------------------------------------------------------------------ order of the work
 
 
 class Counting(Executor):
-    """Threads that know how many tasks are under way: given, and their result not taken."""
+    """Threads with a count of the open tasks: submitted, but their result is not taken yet."""
 
     def __init__(self, size: int) -> None:
         self._max_workers = size
@@ -248,7 +248,7 @@ def test_few_tasks_are_under_way_at_a_time(scene: Path, size: int) -> None:
 
 
 def test_tasks_are_made_when_they_are_wanted(small: Path) -> None:
-    """Their arguments hold parts of arrays: as many as tiles would be too many."""
+    """Their arguments contain parts of arrays, so all of them at once would be too many."""
     made = 0
 
     def tasks() -> Iterator[int]:
@@ -306,7 +306,7 @@ def test_exception_in_progress_ends_the_work(
 def test_dataset_is_not_read_once_the_call_has_failed(
     small: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its owner may close it at once, and GDAL must not read what is closed."""
+    """Its owner may then close the dataset, and GDAL must not read a closed dataset."""
     read, late = Scene._read_dataset, []
     detecting, ended = threading.Event(), threading.Event()
 
@@ -327,7 +327,7 @@ def test_dataset_is_not_read_once_the_call_has_failed(
 
     with rasterio.open(small) as dataset:
         with pytest.raises(SourceError, match="the first tile"):
-            # Thresholds are given: they would be looked for in the caller's thread.
+            # The thresholds are given, because finding them would read in the caller's thread.
             geomesh.mesh_raster(dataset, workers=4, canny_low=50, canny_high=100, progress=watch)
         ended.set()
         await_no_threads()
@@ -335,7 +335,7 @@ def test_dataset_is_not_read_once_the_call_has_failed(
     assert not any(late)
 
 
-# ------------------------------------------------------------------ what is shared
+# ------------------------------------------------------------------ shared data
 
 
 @pytest.mark.slow
@@ -391,7 +391,7 @@ def test_settings_of_the_caller_reach_the_workers(pool: ProcessPoolExecutor, apa
 
 
 def test_setting_of_the_caller_has_its_effect(tmp_path: Path) -> None:
-    """A worker that does not get it sees the mask beside the file."""
+    """Without the setting, a worker would read the mask file beside the raster."""
     path = Path(write_raster(tmp_path, data=picture(1, 300, 300)))
     hidden = np.full((300, 300), 255, np.uint8)
     hidden[:, 150:] = 0
@@ -448,7 +448,7 @@ def test_open_dataset_cannot_go_to_other_processes(small: Path, pool: ProcessPoo
 
 
 def test_source_that_a_worker_cannot_read_is_named(small: Path, pool: ProcessPoolExecutor) -> None:
-    """A file in memory is there for this process only."""
+    """A file in memory exists only in this process."""
     with rasterio.MemoryFile(small.read_bytes(), filename="held.tif") as memory:
         assert len(geomesh.mesh_raster(memory.name, nodes=500).nodes) == 500
         with pytest.raises(SourceError, match=r"held\.tif.* each worker needs it") as error:

@@ -1,4 +1,4 @@
-"""Files: every format is read back by geopandas, and what fails leaves no trace."""
+"""Files: geopandas can read every format, and a failed write leaves nothing behind."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-# --- what is written -------------------------------------------------------------------
+# --- content of the files --------------------------------------------------------------
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -80,7 +80,7 @@ def test_attributes_and_rows_are_read_back(
     for name, values in expected.items():
         found = frame[name].to_numpy()
         if values.dtype.kind == "f":
-            # GeoJSON has 7 significant digits.
+            # Numbers in GeoJSON have 7 significant digits.
             tolerance = 5e-7 if extension == ".geojson" else 0
             np.testing.assert_allclose(found, values, rtol=tolerance, err_msg=name)
         else:
@@ -130,7 +130,7 @@ def test_geojson_is_rfc_7946(tmp_path: Path) -> None:
 
 
 def test_geojson_keeps_slivers_triangles(tmp_path: Path) -> None:
-    # 0.1 mm wide and along a meridian: at 7 decimals both would be lines.
+    # 0.1 mm wide and along a meridian: with 7 decimals, both triangles would become lines.
     mesh = two_triangles(Grid(50, 40, Affine(0.000025, 0, 5e5, 0, -1000, 7e6), UTM))
     frame = read_layer(write_mesh(mesh, tmp_path / "mesh.geojson"))
     assert set(frame.geom_type) == {"Polygon"}
@@ -242,8 +242,8 @@ def test_geojson_is_cut_at_the_antimeridian(tmp_path: Path, place: str) -> None:
     assert (west, east) == (-180, 180)
     assert south >= -90
     assert north <= 90
-    # Every triangle is where its own centre is, and no two are in the same place. Next
-    # to a pole a straight edge of the map is far from straight in longitude and latitude.
+    # Each triangle contains its own centre, and no two triangles overlap. Centres near a pole are
+    # left out: a straight edge on the map is not straight there in longitude and latitude.
     centres = mesh.map_nodes[mesh.triangles].mean(axis=1)
     to_lonlat = Transformer.from_crs(mesh.grid.crs, "OGC:CRS84", always_xy=True)
     lon, lat = to_lonlat.transform(*centres.T)
@@ -327,14 +327,14 @@ def test_read_mesh_does_not_depend_on_the_order_of_rows(tmp_path: Path) -> None:
     path = write_mesh(mesh, tmp_path / "mesh.gpkg")
     with closing(sqlite3.connect(path)) as database:
         for layer in LAYERS:
-            # Without triggers: those of the spatial index need functions of GDAL.
+            # Remove the triggers: those of the spatial index need functions of GDAL.
             for (trigger,) in database.execute(
                 f"SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = '{layer}'"
             ).fetchall():
                 database.execute(f'DROP TRIGGER "{trigger}"')
             database.execute(f"UPDATE {layer} SET fid = -fid")
         database.commit()
-    assert read_layer(path)["id"].is_monotonic_increasing  # sorted by read_layer()
+    assert read_layer(path)["id"].is_monotonic_increasing  # read_layer() sorts the rows
     assert gpd.read_file(path, layer="triangles")["id"].is_monotonic_decreasing
     assert_same(read_mesh(path), mesh)
 
@@ -380,7 +380,7 @@ def test_read_mesh_refuses_an_edited_file(tmp_path: Path, statement: str, messag
         read_mesh(path)
 
 
-# --- refused before any work -----------------------------------------------------------
+# --- errors before any work ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["mesh.shp", "mesh", "mesh.gpkg.bak"])
@@ -435,7 +435,7 @@ def test_unwritable_folder_is_refused(tmp_path: Path) -> None:
     locked = tmp_path / "locked"
     locked.mkdir()
     locked.chmod(0o500)
-    # Permission bits do not bite a superuser; the kernel's own folder does.
+    # Permission bits do not stop a superuser, but nobody can write to /proc.
     folder = Path("/proc") if os.geteuid() == 0 else locked
     with pytest.raises(OutputError, match=r"cannot be written: .*; choose another folder"):
         check_output(folder / "mesh.gpkg")
@@ -462,7 +462,7 @@ def test_mesh_without_certificate_is_never_written(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-# --- there as a whole or not at all ----------------------------------------------------
+# --- all or nothing --------------------------------------------------------------------
 
 
 class StopError(Exception):
@@ -574,7 +574,7 @@ for path in sys.argv[2:]:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 1 MiB; only a superuser may mount one."""
+    """A disk of 1 MiB. Only a superuser may mount one."""
     folder = tmp_path / "disk"
     folder.mkdir()
     with mounted(folder, "1m") as done:
@@ -603,7 +603,7 @@ def test_lost_rows_are_noticed(tmp_path: Path, extension: str) -> None:
     rows = len(mesh.triangles)
     assert count_rows(path, "triangles") == rows
     whole = path.read_bytes()
-    # The last bytes of a database are slack.
+    # The last bytes of a database are unused.
     for kept in (len(whole) // 2, len(whole) - (5000 if extension == ".gpkg" else 3)):
         path.write_bytes(whole[:kept])
         try:
@@ -702,12 +702,12 @@ def test_columns_are_the_arrow_arrays_that_pyarrow_makes(values):
 
 
 def test_the_command_does_without_pandas(tmp_path):
-    """It takes half a second, and pyarrow imports it as soon as it is asked for an array."""
+    """pandas takes half a second, and pyarrow imports it when it is asked for an array."""
     command = [sys.executable, "-X", "importtime", "-m", "geomesh", "mesh"]
     files = [SAMPLES / "rmnp_dem.tif", "-o", tmp_path / "mesh.gpkg"]
     run = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
     modules = {line.rpartition("|")[2].strip() for line in run.stderr.splitlines()}
     assert run.returncode == 0, run.stderr
     assert "pyarrow" in modules
-    # The name alone may be there: of an import that was refused.
+    # A name alone may appear, from an import that was refused.
     assert not [name for name in modules if name.startswith(("pandas.", "geopandas."))]

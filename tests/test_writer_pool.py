@@ -1,4 +1,4 @@
-"""Layers written by processes of their own: the same file, and nothing left when they fail."""
+"""Layers written by separate processes: the same file, and no remains when they fail."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_file_is_that_of_one_process(tmp_path: Path, extension: str) -> None
     write_mesh(mesh, one)
     with WriterPool(2) as writer_pool:
         write(mesh, other, writer_pool)
-        write(mesh, other, writer_pool, overwrite=True)  # by the same processes
+        write(mesh, other, writer_pool, overwrite=True)  # with the same processes
     if extension == ".gpkg":
         assert_same(read_mesh(other), mesh)
         for layer in ("triangles", "edges", "nodes"):
@@ -60,7 +60,7 @@ def test_a_process_that_is_lost_is_told_and_leaves_the_old_file(tmp_path: Path) 
             write(random_mesh(), path, writer_pool, overwrite=True, layers=["triangles"])
         assert path.read_text() == "mine"
         assert hidden(tmp_path) == []
-        write(random_mesh(), path, writer_pool, overwrite=True)  # by another one
+        write(random_mesh(), path, writer_pool, overwrite=True)  # with a new process
 
 
 def test_what_the_library_says_comes_through(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_modules_in_the_working_folder_are_not_taken(
 def test_the_program_is_found_wherever_the_package_lies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where only the process that starts it looks, such as its working folder."""
+    """Only the process that starts it searches that path, for example its working folder."""
     folder = tmp_path / "it's here"
     folder.mkdir()
     (folder / "elsewhere.py").write_text("def main(): print('found', flush=True)")

@@ -1,4 +1,4 @@
-"""Zonal: statistics against GDAL and numpy, against exactextract, and tile by tile."""
+"""Zonal: statistics compared with GDAL, numpy and exactextract, and tile by tile."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DTYPES = ["uint8", "int16", "uint16", "int64", "uint64", "float32", "float64", "
 
 
 def statistics(nodes, triangles, bands, valid=None, *, core=1024, halo=1):
-    """Statistics over the tile plan of the image."""
+    """Compute statistics over the tiles of the image."""
     height, width = bands.shape[1:]
     valid = np.ones((height, width), bool) if valid is None else valid
     partials = []
@@ -43,7 +43,7 @@ def statistics(nodes, triangles, bands, valid=None, *, core=1024, halo=1):
 
 
 def by_labels(owners, values, valid, count):
-    """(mean, std, min, max) of `values` for each label, by pandas."""
+    """Return (mean, std, min, max) of `values` for each label, computed with pandas."""
     groups = pd.Series(values[valid].astype(float)).groupby(owners[valid])
     frame = groups.agg(["mean", lambda v: v.std(ddof=0), "min", "max"])
     return frame.reindex(range(count)).to_numpy().T
@@ -51,7 +51,7 @@ def by_labels(owners, values, valid, count):
 
 @pytest.fixture
 def scene():
-    """A mesh over 90 x 70 pixels, three bands, a third of the pixels invalid."""
+    """A mesh over 90 x 70 pixels with three bands; a third of the pixels is invalid."""
     rng = np.random.default_rng(7)
     nodes, triangles = rectangle_mesh(rng, 90, 70, 150)
     bands = rng.integers(0, 10_000, (3, 70, 90)).astype(np.uint16)
@@ -60,7 +60,7 @@ def scene():
 
 def test_statistics_agree_with_gdal_and_bincount(scene):
     nodes, triangles, bands, valid = scene
-    # Off the pixel centres by construction, so that GDAL's rule gives the same pixels.
+    # The nodes are moved away from pixel centres, so GDAL's rule gives the same pixels.
     nodes = np.where((nodes > 0) & (nodes < (90, 70)), nodes + 2**-10, nodes)
     rings = polygons(nodes[triangles[:, [0, 1, 2, 0]]])
     labels = rasterize(zip(rings, range(len(rings)), strict=True), out_shape=(70, 90), fill=-1)
@@ -80,9 +80,9 @@ def test_statistics_agree_with_gdal_and_bincount(scene):
 
 
 def test_statistics_agree_with_exactextract_where_no_pixel_is_cut(tmp_path):
-    # Blocks of 4 x 4 pixels, each cut into two triangles along its diagonal. The
-    # pixels that a triangle owns are given to exactextract as a polygon along pixel
-    # borders, with a staircase for the diagonal, so that it weighs none by a share.
+    # Blocks of 4 x 4 pixels, each divided into two triangles along its diagonal. exactextract
+    # gets the pixels of each triangle as a polygon along pixel borders, with a staircase for the
+    # diagonal. So it never counts a part of a pixel.
     rng = np.random.default_rng(1)
     side, block = 24, 4
     bands = (1000 + rng.normal(0, 30, (1, side, side))).astype(np.float64)
@@ -97,7 +97,7 @@ def test_statistics_agree_with_exactextract_where_no_pixel_is_cut(tmp_path):
             first = len(nodes)
             nodes += [(x, y), (x + block, y), (x + block, y + block), (x, y + block)]
             triangles += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
-            # Down, then right: the pixels on the diagonal go to the triangle right of it.
+            # Down, then right: the pixels on the diagonal belong to the triangle right of it.
             stairs = [(x + k // 2, y + (k + 1) // 2) for k in range(2 * block + 1)]
             shapes.append([*stairs, (x + block, y)])
             shapes.append([*stairs[1:-1], (x, y + block)])
@@ -168,7 +168,7 @@ def test_small_noise_on_large_values_keeps_its_digits(core, rtol, outlier):
         noise[0, 0, 0] = 2.0**10
     owners = find_owners(nodes, triangles, Window(0, 0, 40, 40))
     found = statistics(nodes, triangles, noise + 1e9, core=core)
-    # 1e9 + noise is exact in steps of 2^-20, so the noise alone tells the truth.
+    # 1e9 + noise is exact in steps of 2^-20, so the expected values use only the noise.
     mean, std, *_ = by_labels(owners, noise[0], np.ones((40, 40), bool), len(triangles))
     some = found.count > 1
     np.testing.assert_allclose(found.mean[0, some] - 1e9, mean[some], atol=5e-7)
@@ -187,7 +187,7 @@ def test_every_type_of_band_gives_float64_statistics(dtype):
     top = 2**63 if dtype == "uint64" else 200
     band = np.array([[[top, 1], [2, 3]]]).astype(dtype)
     nodes = np.array([(0, 0), (2, 0), (2, 2), (0, 2)], float)
-    # Triangle 0 holds the diagonal and the pixel above it, triangle 1 the one below.
+    # Triangle 0 has the diagonal and the pixel above it, triangle 1 has the pixel below it.
     triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     found = statistics(nodes, triangles, band)
     values = np.array([top, 1, 3], float)
@@ -203,7 +203,7 @@ def test_every_type_of_band_gives_float64_statistics(dtype):
 def test_triangles_without_a_valid_pixel_take_the_value_at_their_centroid(core):
     in_valid_pixel = [(2.1, 1.1), (2.4, 1.1), (2.1, 1.4)]
     in_invalid_pixel = [(3.1, 3.1), (3.4, 3.1), (3.1, 3.4)]
-    # Owns pixel (5, 4) only, which is not valid; its centroid lies in pixel (5, 5).
+    # It owns only pixel (5, 4), which is not valid. Its centroid is in pixel (5, 5).
     owner_of_invalid = [(4.2, 5.3), (7.0, 6.2), (4.2, 5.7)]
     nodes = np.array([*in_valid_pixel, *in_invalid_pixel, *owner_of_invalid])
     triangles = np.arange(9, dtype=np.int32).reshape(3, 3)
@@ -236,7 +236,7 @@ def test_node_values_are_bilinear_between_pixel_centres(core):
     bands = rng.normal(0, 100, (2, 30, 40))
     found = statistics(nodes, triangles, bands, core=core)
     for band in range(2):
-        # Beyond the outer pixel centres the value stays that of the border.
+        # Outside of the outer pixel centres, the value is that of the border.
         expected = map_coordinates(bands[band], nodes.T[::-1] - 0.5, order=1, mode="nearest")
         np.testing.assert_allclose(found.node_values[band], expected, rtol=1e-10, atol=1e-10)
 
@@ -246,7 +246,7 @@ def test_node_values_leave_invalid_pixels_out():
     bands = np.array([[[10.0, 20.0], [30.0, 40.0]]])
     valid = np.array([[True, True], [False, False]])
     found = statistics(nodes, np.zeros((0, 3), np.int32), bands, valid)
-    # The middle: two of four; between two centres; on an invalid one; outer corner.
+    # Two of four pixels; between two centres; on an invalid pixel; at the outer corner.
     np.testing.assert_array_equal(found.node_values[0], [15.0, 17.5, np.nan, np.nan])
 
 

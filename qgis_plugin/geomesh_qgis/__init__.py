@@ -1,7 +1,7 @@
-"""geomesh in QGIS: rasters to triangle meshes.
+"""The QGIS plugin of geomesh: it converts rasters to triangle meshes.
 
-QGIS is imported only when it loads the plugin, so that what needs no QGIS can be used,
-and tested, without it.
+This module imports QGIS only when QGIS loads the plugin. So the modules that do not need QGIS
+can be used and tested without it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def classFactory(iface: QgisInterface) -> GeomeshPlugin:
-    """Return the plugin: what QGIS calls."""
+    """Return the plugin. QGIS calls this function."""
     from .plugin import GeomeshPlugin
 
     return GeomeshPlugin(iface)

@@ -1,4 +1,4 @@
-"""Files behind layers: which they are, and that none is written over that is in use."""
+"""The files of layers: find them, and prevent that an output overwrites a file in use."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".gpkg", ".geojson", ".fgb")
 
-# A file inside a name for one of GDAL's drivers, such as NETCDF:"file.nc":band.
+# A file name inside a data source of a GDAL driver, such as NETCDF:"file.nc":band.
 _INSIDE = re.compile(r'[A-Za-z0-9_]{2,}:(?:"([^"]+)"|(.+?))(?::[^:]*)?')
 
 
 def is_geopackage(path: str) -> bool:
-    """Tell whether a file can hold all layers of a mesh."""
+    """Return whether a file can contain all layers of a mesh."""
     return path.lower().endswith(".gpkg")
 
 
 def layer_files(layer: QgsMapLayer | None) -> list[str]:
-    """Return what may be the file behind a layer."""
+    """Return the possible files of a layer."""
     if layer is None:
         return []
     parts = QgsProviderRegistry.instance().decodeUri(layer.providerType(), layer.source())
@@ -34,7 +34,7 @@ def layer_files(layer: QgsMapLayer | None) -> list[str]:
 
 
 def is_same_file(one: str, other: str) -> bool:
-    """Tell whether two paths lead to one file, which need not exist."""
+    """Return whether two paths are the same file. The file need not exist."""
     if not one or not other:
         return False
     try:
@@ -50,7 +50,7 @@ def find_output_fault(path: str, project: QgsProject | None, read: Iterable[str]
     ----------
     path : str
     project : QgsProject or None
-        None of whose layers may be in the file.
+        Project whose layers must not use the file.
     read : iterable of str
         Files that the same run reads.
     """

@@ -1,7 +1,7 @@
-"""Layers of the project as files that geomesh can read.
+"""Convert layers of the project to files that geomesh can read.
 
-A child process sees no layers. It gets the path of the raster, and as options what
-the user has set on the layer and the file does not know: its CRS and nodata value.
+A child process cannot access layers. It gets the path of the raster. If the user set a CRS or a
+nodata value on the layer, the file does not contain them, so the process gets them as options.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ _IN_MEMORY = ("/vsimem/", "MEM:")
 
 @dataclass(frozen=True)
 class RasterInput:
-    """A raster layer, told in values that may go to another thread.
+    """A raster layer, described by values that can be used in another thread.
 
     Parameters
     ----------
     name : str
-        Of the layer.
+        Name of the layer.
     shown : str
-        What the layer shows, as its properties tell.
+        Source of the layer, as shown in its properties.
     source : str
-        What GDAL opens; empty if QGIS has to export the pixels.
+        Path for GDAL; empty if QGIS has to export the pixels.
     open_options : tuple of str
-        For GDAL.
+        Open options for GDAL.
     crs : QgsCoordinateReferenceSystem
-        Of the layer, which may not be the file's.
+        CRS of the layer. It can be different from the CRS of the file.
     options : tuple of str
-        Options of geomesh for what only the layer knows.
+        Options of geomesh for settings that only the layer has.
     notes : tuple of str
-        What is set on the layer and cannot be used.
+        Settings of the layer that geomesh cannot use.
     placed : bool
-        Whether it has a georeference; QGIS shows a raster without one below y = 0.
+        Whether it has a georeference. QGIS shows a raster without one below y = 0.
     size : (int, int)
         Columns and rows.
     extent : QgsRectangle
     provider : QgsRasterDataProvider or None
-        A copy to export from.
+        Copy of the data provider, used for the export.
     """
 
     name: str
@@ -88,12 +88,12 @@ def find_raster_fault(layer: QgsRasterLayer | None) -> str:
 
 
 def describe_raster(layer: QgsRasterLayer) -> RasterInput:
-    """Return what geomesh needs to know of a layer; to be called in the layer's own thread."""
+    """Return what geomesh needs to know about a layer. Call it in the thread of the layer."""
     provider = layer.dataProvider()
     source, open_options = _gdal_source(layer)
     nodata = _find_nodata(provider)
     if nodata.added:
-        source = ""  # only QGIS knows both values
+        source = ""  # only QGIS knows both nodata values
     options: list[str] = []
     notes = list(nodata.notes)
     if layer.crs().isValid() and (not source or layer.crs() != provider.crs()):
@@ -120,7 +120,7 @@ def describe_raster(layer: QgsRasterLayer) -> RasterInput:
 
 
 def raster_options(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedback) -> list[str]:
-    """Return geomesh's options and argument for a raster; what had to be made is in `folder`."""
+    """Return the options and the argument for a raster. New files are written to `folder`."""
     for note in raster.notes:
         feedback.pushWarning(note)
     path = _raster_path(raster, folder, feedback)
@@ -136,8 +136,9 @@ def _raster_path(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedb
         return raster.source
     from osgeo import gdal
 
-    # In memory, no other process sees it. Otherwise a VRT refers to the file: with its open
-    # options, and placed where QGIS shows a raster without a georeference, with y running up.
+    # Another process cannot read a raster in memory, so it is copied to a file. For the other
+    # rasters, a VRT refers to the file and keeps its open options. A raster without a georeference
+    # gets the position where QGIS shows it, with y upwards.
     columns, rows = raster.size
     path = str(folder / ("raster.tif" if in_memory else "raster.vrt"))
     opened = gdal.OpenEx(raster.source, gdal.OF_RASTER, open_options=list(raster.open_options))
@@ -153,7 +154,7 @@ def _raster_path(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedb
 def export_mask(
     source: QgsProcessingFeatureSource, folder: Path, feedback: QgsProcessingFeedback
 ) -> str:
-    """Write the polygons of a source, of its selection if that was asked for, to a file."""
+    """Write the polygons of a source to a file. If requested, only the selected ones."""
     path = str(folder / "mask.gpkg")
     options = QgsVectorFileWriter.SaveVectorOptions()
     options.driverName = "GPKG"
@@ -171,12 +172,12 @@ def export_mask(
         feature.setAttributes([])
         if not writer.addFeature(feature, QgsFeatureSink.Flag.FastInsert):
             raise QgsProcessingException(f"The mask cannot be read: {writer.errorMessage()}")
-    del writer  # closes the file
+    del writer  # this closes the file
     return path
 
 
 def _gdal_source(layer: QgsRasterLayer) -> tuple[str, tuple[str, ...]]:
-    """Return what GDAL opens and its open options; an empty text if it is not GDAL's."""
+    """Return the path and the open options for GDAL. The path is empty if GDAL cannot open it."""
     if layer.providerType() != "gdal" or "authcfg=" in layer.source():
         return "", ()
     parts = QgsProviderRegistry.instance().decodeUri("gdal", layer.source())
@@ -186,16 +187,16 @@ def _gdal_source(layer: QgsRasterLayer) -> tuple[str, tuple[str, ...]]:
 
 @dataclass(frozen=True)
 class _Nodata:
-    """What the user has declared nodata on a layer.
+    """The nodata values that the user set on a layer.
 
     Attributes
     ----------
     value : float or None
-        If it is one value for all bands.
+        The value, if it is the same for all bands.
     added : bool
-        Whether the file has another one, which holds as well.
+        Whether the file has a different nodata value, which is also valid.
     notes : tuple of str
-        What cannot be used.
+        Settings that cannot be used.
     """
 
     value: float | None = None
@@ -235,13 +236,13 @@ def _spell(crs: QgsCoordinateReferenceSystem) -> str:
 
 
 def _export(raster: RasterInput, path: Path, feedback: QgsProcessingFeedback) -> str:
-    """Write the pixels of a layer that GDAL does not open, as QGIS sees them."""
+    """Write the pixels of a layer that GDAL cannot open, as QGIS reads them."""
     columns, rows = raster.size
     feedback.setProgressText(f"Exporting {raster.name}")
     stopper = QgsRasterBlockFeedback()
     feedback.canceled.connect(stopper.cancel)
     pipe = QgsRasterPipe()
-    # Not a copy of the copy: that of a virtual raster reads garbage.
+    # Do not clone this clone: a second clone of a virtual raster returns wrong pixels.
     pipe.set(raster.provider)
     failure = QgsRasterFileWriter(str(path)).writeRaster(
         pipe,

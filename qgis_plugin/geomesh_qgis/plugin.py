@@ -1,4 +1,4 @@
-"""The plugin: its provider, its action and its page in the options."""
+"""The plugin: its provider, its action and its options page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MENU = "&geomesh"
 
 
 class GeomeshPlugin:
-    """What QGIS loads: `initProcessing` alone without a desktop, `initGui` with one."""
+    """The class that QGIS loads. Without a desktop, it calls only `initProcessing`."""
 
     def __init__(self, iface: QgisInterface | None) -> None:
         self._iface = iface
@@ -29,8 +29,8 @@ class GeomeshPlugin:
         self._action: QAction | None = None
 
     def initProcessing(self) -> None:
-        """Offer the algorithms to Processing."""
-        # Registering a provider twice would delete the first one.
+        """Add the algorithms to Processing."""
+        # Do not register a second provider: this would delete the first one.
         if QgsApplication.processingRegistry().providerById(GeomeshProvider.ID) is None:
             self._provider = GeomeshProvider()
             QgsApplication.processingRegistry().addProvider(self._provider)
@@ -54,7 +54,7 @@ class GeomeshPlugin:
         self._enable_action(self._iface.activeLayer())
 
     def unload(self) -> None:
-        """Take back everything that was added."""
+        """Remove everything that the plugin added."""
         if self._action is not None:
             self._iface.currentLayerChanged.disconnect(self._enable_action)
             self._iface.removeToolBarIcon(self._action)
@@ -83,7 +83,7 @@ class GeomeshPlugin:
         processing.execAlgorithmDialog(f"{GeomeshProvider.ID}:rastertomesh", {"INPUT": layer.id()})
 
     def _offer_options(self, reason: str) -> None:
-        """Say why there can be no mesh yet, with a button to where that can be changed."""
+        """Say why no mesh can be made yet, with a button that opens the options page."""
         bar = self._iface.messageBar()
         item = bar.createMessage("geomesh", reason)
         button = QPushButton("Open the options…")

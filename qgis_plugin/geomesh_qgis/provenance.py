@@ -1,4 +1,4 @@
-"""How a mesh was made: read from its GeoPackage, shown in the properties of its layers."""
+"""How a mesh was made: read it from the GeoPackage and show it in the layer properties."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from qgis.core import QgsLayerMetadata, QgsMapLayer
 
 
 def read_document(path: str) -> dict[str, Any]:
-    """Return what geomesh has written into a GeoPackage about how its mesh was made."""
-    # Not as a URI: those know no network shares.
+    """Return the document that geomesh wrote to a GeoPackage about how the mesh was made."""
+    # The path is not a URI, because URIs do not work with network shares.
     with closing(sqlite3.connect(path)) as database:
         rows = database.execute("SELECT metadata FROM gpkg_metadata").fetchall()
     for (text,) in rows:
@@ -25,7 +25,7 @@ def read_document(path: str) -> dict[str, Any]:
 
 
 def as_metadata(layer: QgsMapLayer, document: dict) -> QgsLayerMetadata:
-    """Return what the layer properties show: the recipe and the certificate."""
+    """Return the text for the layer properties: the recipe and the certificate."""
     metadata = QgsLayerMetadata()
     metadata.setTitle(layer.name())
     metadata.setType("dataset")
@@ -45,7 +45,7 @@ def as_metadata(layer: QgsMapLayer, document: dict) -> QgsLayerMetadata:
 
 
 def _as_text(document: dict) -> str:
-    """Tell what is in a document, escaped: QGIS shows it among HTML, and breaks its lines."""
+    """Return a document as escaped text. QGIS shows it as HTML and breaks its lines."""
     counts = document.get("mesh", {}).get("counts", {})
     canny = document.get("canny", {})
     lines = [
@@ -70,7 +70,7 @@ def _spell(value: Any) -> str:
 
 
 def _find_document(text: str) -> dict | None:
-    """Find geomesh's JSON in GDAL's XML of metadata, where it is an item."""
+    """Find geomesh's JSON, which is an item in GDAL's XML metadata."""
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError:

@@ -15,7 +15,7 @@ ICON = Path(__file__).parent / "icon.svg"
 
 
 class GeomeshProvider(QgsProcessingProvider):
-    """Offers geomesh's algorithms to the toolbox, to models, batches and qgis_process."""
+    """Makes geomesh's algorithms available to the toolbox, models, batches and qgis_process."""
 
     ID = "geomesh"
 
@@ -25,33 +25,33 @@ class GeomeshProvider(QgsProcessingProvider):
             self.addAlgorithm(algorithm())
 
     def id(self) -> str:
-        """Return the part of algorithms' names before the colon."""
+        """Return the provider part of the algorithms' identifiers, before the colon."""
         return self.ID
 
     def name(self) -> str:
-        """Return what the toolbox shows."""
+        """Return the name in the toolbox."""
         return "geomesh"
 
     def longName(self) -> str:
-        """Return what it is in a few words."""
+        """Return the longer name."""
         return "geomesh: rasters to triangle meshes"
 
     def icon(self) -> QIcon:
-        """Return the picture beside the name."""
+        """Return the icon."""
         return QIcon(str(ICON))
 
     def svgIconPath(self) -> str:
-        """Return the picture as a vector file."""
+        """Return the path of the icon as a vector file."""
         return str(ICON)
 
     def defaultVectorFileExtension(self, hasGeometry: bool = True) -> str:
-        """Return what temporary outputs are: only a GeoPackage holds a whole mesh."""
+        """Return the format of temporary outputs: only a GeoPackage can hold a whole mesh."""
         return "gpkg"
 
     def supportedOutputVectorLayerExtensions(self) -> list[str]:
-        """Return what geomesh writes and QGIS reads."""
+        """Return the formats that geomesh writes and QGIS reads."""
         return ["gpkg", "geojson", "fgb"]
 
     def supportsNonFileBasedOutput(self) -> bool:
-        """Tell that outputs are files, not tables of a database."""
+        """Return False, because outputs are files, not tables of a database."""
         return False

@@ -1,4 +1,4 @@
-"""Reports for the results viewer, as HTML."""
+"""HTML reports for the results viewer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _FIGURES = ("mean", "median", "p5", "p95", "min", "max")
 
-# The results viewer knows little more of CSS than this.
+# The results viewer supports only a small part of CSS.
 _STYLE = """
 body { font-family: sans-serif; }
 th, td { padding: 3px 10px; text-align: right; }
@@ -25,16 +25,16 @@ _KEY_MEASURES = ("ki", "min_angle", "shape")
 
 
 def quality_report(name: str, summary: Mapping[str, Any], unit: str) -> str:
-    """Return the table of measures of a mesh.
+    """Return a table of the quality measures of a mesh.
 
     Parameters
     ----------
     name : str
-        Of the mesh.
+        Name of the mesh.
     summary : mapping
-        As `geomesh quality` gives it.
+        Summary from `geomesh quality`.
     unit : str
-        Of lengths.
+        Unit of lengths.
     """
     head = "".join(f"<th>{figure}</th>" for figure in _FIGURES)
     rows = "".join(
@@ -72,7 +72,7 @@ def save_report(page: str, path: str) -> None:
     Raises
     ------
     QgsProcessingException
-        In one line, if it cannot be written.
+        If it cannot be written. The text is one line.
     """
     try:
         Path(path).write_text(page, encoding="utf-8")

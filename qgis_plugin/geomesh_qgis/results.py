@@ -1,4 +1,4 @@
-"""Results as layers of the project: named, styled, and saying how they were made."""
+"""Add results to the project as layers, with names, styles and how they were made."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from .styling import VECTOR_STYLES, keep_style, style_mesh_layer
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# The order in which geomesh writes them.
+# The order in which geomesh writes the layers.
 LAYERS = ("triangles", "edges", "nodes")
 
-# What a GeoPackage calls the CRS of a layer without one; QGIS takes it for one.
+# The name that a GeoPackage gives to a missing CRS. QGIS reads it as a real CRS.
 _UNDEFINED = "Undefined"
 
-# From the bottom to the top of the legend.
+# The order in the legend, from bottom to top.
 _ORDER = ("mesh", "triangles", "edges", "nodes")
 
 
@@ -40,14 +40,14 @@ def layer_uri(path: str, name: str) -> str:
 
 
 def dress_vector_layer(uri: str, style: str) -> None:
-    """Give a layer of a mesh one of `VECTOR_STYLES`, kept with the data."""
+    """Set one of `VECTOR_STYLES` for a layer of a mesh, and save it with the data."""
     layer = _open(uri, style)
     VECTOR_STYLES[style](layer)
     keep_style(layer)
 
 
 def dress_mesh_layer(path: str) -> None:
-    """Give a UGRID file its style, kept beside it."""
+    """Set the style of a UGRID file, and save it beside the file."""
     layer = _open(path, "mesh", is_mesh=True)
     style_mesh_layer(layer)
     keep_style(layer)
@@ -62,35 +62,35 @@ def load_when_done(
     unnamed: str,
     about: dict[str, Any],
 ) -> None:
-    """Have QGIS load layers, if it is going to load the output of the algorithm.
+    """Let QGIS load layers, if it was going to load the output of the algorithm.
 
     Parameters
     ----------
     context : QgsProcessingContext
     output : str
-        The file that QGIS has been told of as the algorithm's output.
+        File that the algorithm reported to QGIS as its output.
     uris : mapping of str to str
-        URIs of layers, by "triangles", "edges", "nodes" or "mesh".
+        URIs of layers. The keys are "triangles", "edges", "nodes" or "mesh".
     title : str
-        What the names of the layers end with, if the output is temporary.
+        End of the layer names, if the output is temporary.
     unnamed : str
-        What the output is called where nobody has named it.
+        Default name of the output, used if the user did not choose one.
     about : dict
-        The document of the mesh.
+        Document about how the mesh was made.
     """
     pending = context.layersToLoadOnCompletion()
     if output not in pending:
-        return  # run by a model, or by a program that wants files
+        return  # a model, or a program that only needs files
     asked = pending.pop(output)
     for name, uri in uris.items():
         rank = _ORDER.index(name)
-        # Its id begins with its first name: QGIS before 3.32 adds results in the order of their
-        # ids, the last on top.
+        # QGIS before 3.32 adds results in the order of their ids, so that the last one is on top.
+        # The id of a layer starts with its first name, so that name starts with the rank.
         layer = _open(uri, f"{rank}_{name}", is_mesh=name == "mesh")
-        # A file that the user has named is known by that name.
+        # If the user chose the output file, its name is part of the layer name.
         shown = f"{name} · {title if layer.isTemporary() else Path(output).stem}"
         if name == "triangles" and asked.name not in ("", unnamed):
-            shown = asked.name  # the user's, or a model's
+            shown = asked.name  # chosen by the user or by a model
         layer.setName(shown)
         layer.setMetadata(as_metadata(layer, about))
         layer.setCustomProperty("geomesh/recipe", json.dumps(about.get("recipe", {})))
@@ -100,13 +100,13 @@ def load_when_done(
         if hasattr(details, "layerSortKey"):  # QGIS 3.32
             details.layerSortKey = rank
         pending[layer.id()] = details
-        # Whole layers rather than names of files, which QGIS would load without their styles.
+        # Add layers, not file names: QGIS would load the files without their styles.
         context.temporaryLayerStore().addMapLayer(layer)
     context.setLayersToLoadOnCompletion(pending)
 
 
 def _open(uri: str, name: str, *, is_mesh: bool = False) -> QgsMapLayer:
-    """Return a layer with the style that is kept with its data."""
+    """Return a layer with the style that is saved with its data."""
     layer = QgsMeshLayer(uri, name, "mdal") if is_mesh else QgsVectorLayer(uri, name, "ogr")
     if not layer.isValid():
         raise QgsProcessingException(f"QGIS cannot read {uri}, although geomesh has written it.")

@@ -1,4 +1,4 @@
-"""What the plugin keeps in the user's settings."""
+"""The settings of the plugin, saved in the user's profile."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from qgis.core import QgsApplication, QgsSettings
 
 from .engine.environment import Installation, find
 
-# The name by which QGIS opens the page.
+# The name with which QGIS opens the options page.
 PAGE = "geomeshOptions"
 
 _PYTHON = "geomesh/python"
 
 
 def python_setting() -> str:
-    """Return the environment that the user chose; "" if none."""
+    """Return the environment that the user chose, or "" if none."""
     return str(QgsSettings().value(_PYTHON, "", type=str))
 
 
 def set_python_setting(place: str) -> None:
-    """Keep the environment that the user chose; "" for none."""
+    """Save the environment that the user chose, or "" for none."""
     if place.strip():
         QgsSettings().setValue(_PYTHON, place.strip())
     else:
@@ -28,7 +28,7 @@ def set_python_setting(place: str) -> None:
 
 
 def managed_folder() -> Path:
-    """Return the folder of the plugin's own environment, one for each profile of the user."""
+    """Return the folder of the plugin's own environment. Each user profile has its own."""
     return Path(QgsApplication.qgisSettingsDirPath()) / "geomesh" / "environment"
 
 
@@ -38,6 +38,6 @@ def installation() -> Installation:
     Raises
     ------
     EnvironmentProblem
-        If there is none that works.
+        If no geomesh works.
     """
     return find(python_setting(), managed_folder())

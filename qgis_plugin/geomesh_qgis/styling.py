@@ -1,7 +1,7 @@
-"""How the layers of a mesh look.
+"""The styles of the layers of a mesh.
 
-Styles are kept with the data (in the GeoPackage, or in a .qml beside the file), where
-QGIS finds them whenever the file is opened, in whatever way.
+Styles are saved with the data: in the GeoPackage, or in a .qml file beside the data file. QGIS
+then finds them each time the file is opened.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from .files import is_geopackage
 
 STYLE = "geomesh"
 
-# Lines and dots show where they are this far apart on the screen, in millimetres.
+# Lines and dots are shown if the distance between them on the screen is at least this (mm).
 _EDGES_APART = 3.0
 _NODES_APART = 6.0
 
-# Seen on dark and on bright images alike, and their colours through it.
+# The colour is visible on dark and bright images, and the image is visible through it.
 _EDGE = {"outline_color": "160,160,160,130", "outline_width": "0.1", "joinstyle": "round"}
 
-# Colours that differ for the colour-blind too (Okabe and Ito).
+# Colours that people with colour blindness can distinguish (Okabe and Ito).
 _NODES = (("feature", "feature node", "#e69f00"), ("border", "border node", "#56b4e9"))
 _ANGLES = (
     (0, 10, "#440154"),
@@ -54,7 +54,7 @@ _EDGES = ((0, "inner edge", "#8c8c8c", "0.15"), (1, "outline", "#d55e00", "0.4")
 
 
 def style_triangles(layer: QgsVectorLayer) -> None:
-    """Fill each triangle with the mean colour of the image, with a thin edge."""
+    """Fill each triangle with the mean colour of the image, and draw a thin edge."""
     symbol = QgsFillSymbol.createSimple(
         {"color": "#808080", "outline_color": "#808080", "outline_width": "0.1"}
     )
@@ -65,7 +65,7 @@ def style_triangles(layer: QgsVectorLayer) -> None:
                 getattr(QgsSymbolLayer.Property, part), color
             )
     edge = QgsSimpleFillSymbolLayer.create({"style": "no", **_EDGE})
-    # First all fills, whose own strokes close the gaps that antialiasing leaves between them.
+    # The first pass draws all fills. Their outlines hide the gaps that antialiasing leaves.
     edge.setRenderingPass(1)
     farthest = farthest_scale(layer, _EDGES_APART)
     if farthest is not None:
@@ -78,10 +78,10 @@ def style_triangles(layer: QgsVectorLayer) -> None:
 
 
 def farthest_scale(layer: QgsVectorLayer, apart: float) -> int | None:
-    """Return the scale's denominator at which elements are `apart` millimetres from each other.
+    """Return the scale denominator at which elements are `apart` millimetres from each other.
 
-    Seen from farther away, lines and dots would hide the colours that they part. None without
-    a CRS: then the scale of the map means nothing.
+    At smaller scales, lines and dots would cover the colours between them. The result is None
+    for a layer without a CRS, because the scale of the map then has no meaning.
     """
     if not layer.crs().isValid():
         return None
@@ -95,7 +95,7 @@ def farthest_scale(layer: QgsVectorLayer, apart: float) -> int | None:
 
 
 def style_nodes(layer: QgsVectorLayer) -> None:
-    """Show nodes as small dots, coloured by their kind."""
+    """Show nodes as small dots with a colour for each kind."""
     categories = []
     for value, label, color in _NODES:
         symbol = QgsMarkerSymbol.createSimple(
@@ -116,7 +116,7 @@ def style_nodes(layer: QgsVectorLayer) -> None:
 
 
 def style_edges(layer: QgsVectorLayer) -> None:
-    """Show edges as thin lines, those of the outline thicker."""
+    """Show edges as thin lines. Edges of the outline are thicker."""
     categories = []
     for value, label, color, width in _EDGES:
         symbol = QgsLineSymbol.createSimple(
@@ -127,7 +127,7 @@ def style_edges(layer: QgsVectorLayer) -> None:
 
 
 def style_quality(layer: QgsVectorLayer) -> None:
-    """Colour triangles by their smallest angle, the bad ones dark (viridis)."""
+    """Colour triangles by their smallest angle (viridis). Bad triangles are dark."""
     field = "map_min_angle" if layer.fields().indexOf("map_min_angle") >= 0 else "min_angle"
     ranges = []
     for low, high, color in _ANGLES:
@@ -145,13 +145,13 @@ VECTOR_STYLES = {
 
 
 def style_mesh_layer(layer: QgsMeshLayer) -> None:
-    """Fill each face of a UGRID mesh with its own colour, not smoothed between faces."""
+    """Fill each face of a UGRID mesh with its own colour, without smoothing between faces."""
     group = _find_group(layer, "color")
     if group is None:
         return
     settings = layer.rendererSettings()
     scalar = settings.scalarSettings(group)
-    # By its number: its name changed from None_ to NoResampling.
+    # The number is used because QGIS changed the name from None_ to NoResampling.
     scalar.setDataResamplingMethod(QgsMeshRendererScalarSettings.DataResamplingMethod(0))
     values = _distinct_values(layer, group)
     items = [
@@ -165,7 +165,7 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
         QgsColorRampShader.Type.Exact,
     )
     shader.setColorRampItemList(items)
-    # The limits first: set after the shader, QGIS 3.44 would look for its ramp, and crash.
+    # Set the limits first. After the shader, QGIS 3.44 would use its colour ramp and crash.
     scalar.setClassificationMinimumMaximum(shader.minimumValue(), shader.maximumValue())
     scalar.setColorRampShader(shader)
     settings.setScalarSettings(group, scalar)
@@ -176,7 +176,7 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
 def keep_style(layer: QgsMapLayer) -> None:
     """Save the style of a layer with its data."""
     if isinstance(layer, QgsVectorLayer) and is_geopackage(layer.source().partition("|")[0]):
-        # QGIS 3.44 warns of the first form.
+        # In QGIS 3.44, saveStyleToDatabase causes a deprecation warning.
         save = getattr(layer, "saveStyleToDatabaseV2", layer.saveStyleToDatabase)
         save(STYLE, "By geomesh", True, "")
     else:
@@ -196,5 +196,5 @@ def _distinct_values(layer: QgsMeshLayer, group: int) -> list[float]:
 
 
 def _unpack(packed: int) -> QColor:
-    """Return the colour that geomesh wrote as 65536 red + 256 green + blue."""
+    """Return the colour from a number that geomesh wrote: 65536 red + 256 green + blue."""
     return QColor(packed >> 16 & 255, packed >> 8 & 255, packed & 255)

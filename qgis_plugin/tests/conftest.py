@@ -1,4 +1,4 @@
-"""What the tests of the plugin share. They run in the Python of QGIS: make test-qgis."""
+"""Fixtures for the tests of the plugin. They run in the Python of QGIS: make test-qgis."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from support import PLUGINS, SAMPLES, find_program
 
 sys.path.insert(0, str(PLUGINS))
 
-# QGIS computes statistics of a raster that it opens, and GDAL would keep them beside the samples.
+# QGIS computes statistics of each raster that it opens. GDAL would save them beside the samples.
 os.environ["GDAL_PAM_ENABLED"] = "NO"
 
 
 def pytest_collection_modifyitems(items):
-    # Loading and unloading the plugin takes away the provider that other tests use: it comes last.
+    # test_plugin.py runs last: it unloads the plugin, which removes the provider of other tests.
     items.sort(key=lambda item: item.path.name == "test_plugin.py")
 
 
 @pytest.fixture(autouse=True)
 def no_message_box(monkeypatch):
-    """A message box fails the test that opens it, with what it says: no one would close it."""
+    """Fail a test that opens a message box, with the box's text: nobody could close the box."""
     from qgis.PyQt.QtWidgets import QMessageBox
 
     def refuse(_parent, title, text, *_, **__):
@@ -52,7 +52,7 @@ def olinda() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def geomesh_python() -> Path:
-    """The interpreter of the environment that holds geomesh; the plugin finds it the same way."""
+    """The Python of the environment that contains geomesh. The plugin finds it the same way."""
     python = os.environ.get("GEOMESH_PYTHON", "")
     if not python or not Path(python).exists():
         pytest.exit("GEOMESH_PYTHON has to name a Python with geomesh: use make test-qgis", 2)
@@ -61,7 +61,7 @@ def geomesh_python() -> Path:
 
 @pytest.fixture(scope="session")
 def processing(qgis_processing):
-    """The module `processing`, ready to run."""
+    """The module `processing`, initialized."""
     import processing
 
     return processing
@@ -69,7 +69,7 @@ def processing(qgis_processing):
 
 @pytest.fixture(scope="session", autouse=True)
 def clean_end(qgis_app):
-    """Free what failed tests hold, before QGIS ends: freed later it would crash, unreported."""
+    """Free the objects of failed tests before QGIS ends. Later, this would crash, unreported."""
     yield
     for name in ("last_exc", "last_type", "last_value", "last_traceback"):
         vars(sys).pop(name, None)
@@ -78,7 +78,7 @@ def clean_end(qgis_app):
 
 @pytest.fixture(scope="session", autouse=True)
 def layer_tree(qgis_iface, qgis_parent):
-    """A legend for the stub of QGIS's interface: since 3.44 results are put into it."""
+    """A layer tree view for the QGIS interface stub: QGIS 3.44 adds results to it."""
     from qgis.core import QgsLayerTreeModel, QgsProject
     from qgis.gui import QgsLayerTreeView
 
@@ -89,11 +89,11 @@ def layer_tree(qgis_iface, qgis_parent):
 
 @pytest.fixture(scope="session")
 def provider(qgis_app, processing):
-    """The provider of geomesh, registered for the whole session."""
+    """The provider of geomesh, registered for the whole test session."""
     from geomesh_qgis.provider import GeomeshProvider
 
     registry = qgis_app.processingRegistry()
-    # The plugin may have registered it: a second one of the same id would delete the first.
+    # The plugin may have registered it. A second provider with the same id would delete the first.
     known = registry.providerById(GeomeshProvider.ID)
     if known is not None:
         yield known
@@ -101,14 +101,14 @@ def provider(qgis_app, processing):
     provider = GeomeshProvider()
     assert registry.addProvider(provider)
     yield provider
-    # What removes it deletes it; a test may have done so.
+    # A test may have removed the provider. This also deletes it.
     if registry.providerById(GeomeshProvider.ID) is not None:
         registry.removeProvider(GeomeshProvider.ID)
 
 
 @pytest.fixture
 def project(qgis_new_project):
-    """An empty project, emptied again: layers that outlive their test crash QGIS at its end."""
+    """An empty project, cleared after the test: layers that still exist at the end crash QGIS."""
     from qgis.core import QgsProject
 
     yield QgsProject.instance()
@@ -117,7 +117,7 @@ def project(qgis_new_project):
 
 @pytest.fixture
 def run(provider, processing, tmp_path, project):
-    """Run `geomesh:rastertomesh` into a folder of the test."""
+    """Run `geomesh:rastertomesh` with an output in the temporary folder of the test."""
     from meshing import ALGORITHM, Listener
 
     def run(raster, output="mesh.gpkg", feedback=None, **parameters):
@@ -130,11 +130,11 @@ def run(provider, processing, tmp_path, project):
 
 @pytest.fixture(scope="session")
 def qgis_environment(tmp_path_factory):
-    """Make the environment of a QGIS process that knows nothing of the user's."""
+    """Make the environment of a QGIS process that is separate from the user's profile."""
 
     def make(profile: Path, plugins: Path | None = PLUGINS) -> dict[str, str]:
         runtime = tmp_path_factory.mktemp("runtime")
-        runtime.chmod(0o700)  # Qt refuses others
+        runtime.chmod(0o700)  # Qt requires this mode
         environment = {
             name: value
             for name, value in os.environ.items()
@@ -155,7 +155,7 @@ def qgis_environment(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def qgis_process(tmp_path_factory, qgis_environment):
-    """Run `qgis_process` with the plugin enabled, in a profile of the session."""
+    """Run `qgis_process` with the plugin enabled, in a profile for the test session."""
     profile = tmp_path_factory.mktemp("profile")
     environment = qgis_environment(profile)
 

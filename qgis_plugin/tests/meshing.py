@@ -1,4 +1,4 @@
-"""What tests of `geomesh:rastertomesh` share."""
+"""Helpers for tests of `geomesh:rastertomesh`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ALGORITHM = "geomesh:rastertomesh"
 
 
 class Listener(QgsProcessingFeedback):
-    """Feedback that remembers, and can cancel at the first progress."""
+    """Feedback that records all messages, and can cancel at the first progress."""
 
     def __init__(self, *, cancel: bool = False) -> None:
         super().__init__(False)

@@ -1,4 +1,4 @@
-"""Where things are, and how they are found and built, for the tests and what they start."""
+"""Paths and helper functions for the tests and for the processes that they start."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import shutil
 import subprocess
 from pathlib import Path
 
-PLUGINS = Path(__file__).resolve().parent.parent  # what QGIS_PLUGINPATH has to be
+PLUGINS = Path(__file__).resolve().parent.parent  # the value for QGIS_PLUGINPATH
 ROOT = PLUGINS.parent
 SAMPLES = ROOT / "data_samples"
 
 
 def find_program(name: str) -> str:
-    """Debian's `qgis_process` of QGIS 3.22 is a wrapper that always fails; the .bin works."""
+    """Find `qgis_process`. In Debian's QGIS 3.22 it always fails, but the .bin file works."""
     found = shutil.which(f"{name}.bin") or shutil.which(name)
     assert found, f"{name} is not installed: apt-get install qgis"
     return found
 
 
 def build(python: Path, out: Path, script: Path = PLUGINS / "build.py") -> tuple[Path, str]:
-    """Build the zip of the plugin into a folder; return its path and what was printed."""
+    """Build the zip of the plugin in a folder; return its path and the printed text."""
     result = subprocess.run(
         [python, script, "--out", out], capture_output=True, text=True, check=False
     )

@@ -1,4 +1,4 @@
-"""What goes wrong: said in one line, in time, and nothing is lost."""
+"""Errors are reported early and in one line, and no data is lost."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_values_that_cannot_work_are_refused_at_once(provider, olinda, parameter
 
 
 def test_what_is_read_is_not_written_over(provider, run, olinda, tmp_path, project):
-    """By whatever name: in a database, through a link, as a mask."""
+    """This works for any name of the file: in a database, through a link, as a mask."""
     raster = tmp_path / "raster.gpkg"
     shutil.copy(olinda, raster)
     mask = run(olinda, NODES=50)["OUTPUT"]
@@ -96,7 +96,7 @@ def test_what_is_read_is_not_written_over(provider, run, olinda, tmp_path, proje
         passed, reason = algorithm.checkParameterValues(given, QgsProcessingContext())
         assert not passed
         assert "is an input of the same run" in reason
-        # And where nothing is checked before, as in a batch:
+        # A batch does not check values first. The run itself must refuse them:
         before = raster.read_bytes()
         assert not algorithm.run(given, QgsProcessingContext(), Listener())[1]
         assert raster.read_bytes() == before

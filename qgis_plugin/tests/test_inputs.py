@@ -1,4 +1,4 @@
-"""What a layer knows and its file does not; extents and masks."""
+"""Properties of a layer that its file does not have; extents and masks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from qgis.core import (
     QgsVectorLayer,
 )
 
-SIDE = 28.5  # of a pixel of the Olinda scene, in metres
+SIDE = 28.5  # side of a pixel of the Olinda scene, in metres
 
 
 def test_crs_of_the_layer_wins(run, olinda, project):
@@ -37,7 +37,7 @@ def test_crs_without_a_code(run, olinda, project):
 
 @pytest.fixture
 def layer_with_nodata(project):
-    """Declare values of a raster nodata, as Layer Properties > Transparency does."""
+    """Set nodata values of a raster, as in Layer Properties > Transparency."""
 
     def declare(path, low, high, bands=(1, 2, 3)):
         layer = QgsRasterLayer(str(path), "raster")
@@ -50,7 +50,7 @@ def layer_with_nodata(project):
 
 
 def test_nodata_of_the_layer(run, olinda, layer_with_nodata):
-    """Without one of the file's own, the layer's takes its place."""
+    """If the file has no nodata value, the value of the layer is used."""
     from geomesh_qgis.inputs import describe_raster
 
     layer = layer_with_nodata(olinda, 255, 255)
@@ -59,7 +59,7 @@ def test_nodata_of_the_layer(run, olinda, layer_with_nodata):
 
 
 def test_nodata_of_the_layer_beside_that_of_the_file(run, samples, layer_with_nodata):
-    """Both hold: the collar of the file, and what the user has added."""
+    """Both are used: the nodata value of the file and the one that the user added."""
     bahamas = samples / "bahamas_landsat7_rgb_nodata_collar.tif"
     collar = total_area(open_layer(run(bahamas, "file.gpkg")["OUTPUT"]))
     feedback = Listener()
@@ -77,7 +77,7 @@ def test_nodata_that_cannot_be_used_is_told(run, olinda, layer_with_nodata, band
 
 
 def test_open_options_of_the_layer(run, olinda, tmp_path, project):
-    """A palette stays a palette, and the source keeps its name."""
+    """The raster keeps its palette, and the source keeps its name."""
     from osgeo import gdal
 
     from geomesh_qgis.provenance import read_document
@@ -105,7 +105,7 @@ def test_raster_without_georeference_lies_where_qgis_shows_it(run, samples, proj
     assert (found.xMinimum(), found.yMinimum()) == (shown.xMinimum(), shown.yMinimum())
     assert (found.xMaximum(), found.yMaximum()) == (shown.xMaximum(), shown.yMaximum())
     assert shown.yMinimum() == -layer.height()
-    # And not upside down: the pixel below the centre of a triangle lies in its range.
+    # The mesh is not upside down: the pixel at a triangle's centre is within the triangle's range.
     for feature in list(open_layer(made["OUTPUT"]).getFeatures())[:200]:
         if feature["count"] > 3:
             value, known = layer.dataProvider().sample(feature.geometry().centroid().asPoint(), 1)
@@ -114,7 +114,7 @@ def test_raster_without_georeference_lies_where_qgis_shows_it(run, samples, proj
 
 
 def test_layer_that_is_no_file_is_exported(run, olinda, project):
-    """A virtual raster: QGIS computes its pixels."""
+    """The example is a virtual raster, whose pixels QGIS computes."""
     source = QgsRasterLayer(str(olinda), "olinda")
     extent = source.extent()
     uri = (
@@ -176,7 +176,7 @@ def test_mask_of_the_selected_polygons(run, olinda, project):
     selection = QgsProcessingFeatureSourceDefinition(mask.id(), selectedFeaturesOnly=True)
     made = open_layer(run(olinda, "one.gpkg", MASK=selection)["OUTPUT"])
     areas = [both, total_area(made)]
-    # A mesh follows pixels: a fringe of half a pixel at most on either side.
+    # A mesh follows pixels, so each side may differ by up to half a pixel.
     assert areas == pytest.approx([8e6, 4e6], rel=4 * SIDE / 2000)
     assert made.extent().xMinimum() > raster.xMinimum() + 4900
 

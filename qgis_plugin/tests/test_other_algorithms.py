@@ -1,4 +1,4 @@
-"""`geomesh:meshquality`, `geomesh:stages`, and what all algorithms have."""
+"""`geomesh:meshquality`, `geomesh:stages`, and common properties of all algorithms."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_each_has_help_with_a_picture(provider, name):
     assert not algorithm.icon().isNull()
     (picture,) = re.findall(r'src="file://([^"]+)"', algorithm.shortHelpString())
     image = QImage(picture)
-    assert 200 < image.width() <= 230  # as wide as the help beside the parameters
+    assert 200 < image.width() <= 230  # as wide as the help panel
     assert algorithm.create().name() == name
 
 
@@ -131,7 +131,7 @@ def test_stages(processing, olinda, tmp_path, extension):
 
 
 def test_stages_in_the_folder_of_the_process(qgis_process, olinda, tmp_path):
-    """Relative paths, as one types them."""
+    """Relative paths work, as users type them."""
     import shutil
 
     shutil.copy(olinda, tmp_path / "scene.tif")

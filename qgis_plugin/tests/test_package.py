@@ -1,4 +1,4 @@
-"""The zip that users install: what is in it, and that QGIS takes it."""
+"""The zip that users install: its content, and that QGIS accepts it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLUGIN = PLUGINS / "geomesh_qgis"
 
 @pytest.fixture(scope="session")
 def package(geomesh_python, tmp_path_factory):
-    """Build the zip as `make plugin` does; give its path and what was printed."""
+    """Build the zip as `make plugin` does; return its path and the printed text."""
     return build(geomesh_python, tmp_path_factory.mktemp("dist"))
 
 
@@ -83,7 +83,7 @@ def test_same_sources_give_the_same_zip(package, geomesh_python, tmp_path):
 
 
 def refusal(python, folder):
-    """What the build in a folder's copy of the plugin says when it stops."""
+    """Return the error message of a build that stops, in a folder's copy of the plugin."""
     result = subprocess.run(
         [python, folder / "qgis_plugin/build.py", "--out", folder / "dist"],
         capture_output=True,
@@ -114,7 +114,7 @@ def test_leftover_stops_the_build(geomesh_python, tmp_path):
 
 
 def test_qgis_takes_the_zip(package, qgis_environment, tmp_path):
-    # What "Install from ZIP" does: unpack into the profile, then enable.
+    # "Install from ZIP" does the same: unpack into the profile, then enable.
     profile = tmp_path / "profile"
     with zipfile.ZipFile(package[0]) as archive:
         archive.extractall(profile / "profiles/default/python/plugins")

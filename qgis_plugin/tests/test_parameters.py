@@ -1,4 +1,4 @@
-"""Parameters of `geomesh:rastertomesh`: each arrives, as the dialog or a text gives it."""
+"""Each parameter of `geomesh:rastertomesh` is used, with values from the dialog or as text."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_node_budget_spacing_bands_and_recipe(run, olinda):
 
 
 def test_every_parameter_of_a_recipe_can_be_set(run, olinda):
-    """Each advanced parameter in turn, as the widgets give it, arrives under its own name."""
+    """Each advanced parameter, with a value from its widget, is in the recipe of the mesh."""
     from geomesh_qgis.algorithms.recipe_parameters import SETTINGS
     from geomesh_qgis.provenance import read_document
 
@@ -105,7 +105,7 @@ def test_paper_preset(run, olinda):
     made = run(olinda, PRESET=1)
     triangles = open_layer(made["OUTPUT"])
     raster = QgsRasterLayer(str(olinda), "raster").extent()
-    assert 0.8 < total_area(triangles) / (raster.width() * raster.height()) < 1  # the hull
+    assert 0.8 < total_area(triangles) / (raster.width() * raster.height()) < 1  # convex hull
 
 
 def test_recipe_file_takes_the_place_of_the_preset(run, olinda, tmp_path):

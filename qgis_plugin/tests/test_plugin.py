@@ -1,4 +1,4 @@
-"""What the plugin adds to the desktop, and takes back."""
+"""What the plugin adds to the desktop and removes again."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from qgis.core import QgsApplication, QgsRasterLayer, QgsVectorLayer
 
 @pytest.fixture
 def plugin(qgis_iface, processing, monkeypatch):
-    """The plugin, with a provider of another id: other tests hold the one of the session."""
+    """The plugin with another provider id, because other tests use the session's provider."""
     from geomesh_qgis import classFactory, plugin
 
     class OtherProvider(plugin.GeomeshProvider):
@@ -25,7 +25,7 @@ def test_provider_comes_and_goes_once(plugin):
     registry = QgsApplication.processingRegistry()
     provider = registry.providerById("othergeomesh")
     assert provider is not None
-    plugin.initProcessing()  # as QGIS may do twice
+    plugin.initProcessing()  # QGIS may call this twice
     assert registry.providerById("othergeomesh") is provider
     plugin.unload()
     assert registry.providerById("othergeomesh") is None

@@ -1,4 +1,4 @@
-"""Results in the project: loaded, in order, dressed, and saying how they were made."""
+"""Results in the project: loaded, in order, with styles and how they were made."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from qgis.PyQt.QtGui import QColor, QImage
 
 @pytest.fixture
 def loaded(provider, processing, olinda, tmp_path, project):
-    """Run as the dialog does, with everything loaded into the project."""
+    """Run an algorithm as the dialog does, and load all results into the project."""
 
     def load(algorithm="geomesh:rastertomesh", **parameters):
         given = {"INPUT": str(olinda), "OUTPUT": str(tmp_path / "mesh.gpkg"), **parameters}
@@ -65,7 +65,7 @@ def test_recipe_and_certificate_are_in_the_layer_properties(loaded):
 
 
 def test_without_a_crs_edges_and_nodes_always_show(loaded, samples):
-    """The scale of a map means nothing then."""
+    """Without a CRS, the scale of the map has no meaning."""
     raster = samples / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif"
     for layer in loaded(INPUT=str(raster)).values():
         assert not layer.crs().isValid()
@@ -99,7 +99,7 @@ def test_quality_of_a_loaded_mesh(loaded, tmp_path):
     assert [found.upperValue() for found in renderer.ranges()] == [10, 20, 30, 45, 60]
 
 
-# A model: results go on to the next algorithm, and nothing is loaded but the model's outputs
+# A model: the next algorithm gets the results, and only the model's outputs are loaded
 
 
 @pytest.fixture
@@ -147,7 +147,7 @@ def test_model_loads_what_it_calls_its_output(model, olinda, project, processing
     assert name in ("measured", "Measured mesh")
 
 
-# What one sees
+# Appearance of the map
 
 
 def paint(layers, extent, side=300) -> QImage:
@@ -165,7 +165,7 @@ def paint(layers, extent, side=300) -> QImage:
 
 
 def blocks(image: QImage, count=12) -> list[tuple[float, float, float]]:
-    """Mean colours of a grid of blocks: what one sees from afar."""
+    """Return the mean colours of a grid of blocks, as seen from far away."""
     from qgis.PyQt.QtCore import Qt
 
     small = image.scaled(
@@ -193,13 +193,13 @@ def test_the_map_looks_like_the_image(loaded, samples, tmp_path, project, sample
     mesh = paint([seen["mesh"]], raster.extent())
     blank = QImage(300, 300, QImage.Format.Format_RGB32)
     blank.fill(QColor("gray"))
-    assert difference(expected, blank) > 25  # the comparison can fail
+    assert difference(expected, blank) > 25  # a wrong image is detected
     assert difference(expected, mesh) < 6
     assert difference(expected, triangles) < 20  # edges are drawn over the colours
     near = raster.extent()
     near.scale(0.2)
     both = paint([seen["nodes"], seen["triangles"]], near)
-    assert difference(paint([seen["triangles"]], near), both) > 0  # nodes are there
+    assert difference(paint([seen["triangles"]], near), both) > 0  # the nodes are visible
 
 
 def test_from_afar_neither_edges_nor_nodes_hide_the_image(loaded, olinda):

@@ -1,4 +1,4 @@
-"""The plugin without a desktop: `qgis_process`, end to end on a real scene."""
+"""The plugin without a desktop: complete runs of `qgis_process` on a real scene."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_failure_is_an_exit_code_and_one_line(qgis_process, tmp_path):
 
 
 def test_interrupt_cancels(qgis_environment, tmp_path, samples, geomesh_python):
-    """A long run, stopped by Ctrl-C: no file, no hidden folder, no child left."""
+    """Ctrl-C stops a long run. It leaves no file, no hidden folder and no child process."""
     profile = tmp_path / "profile"
     environment = qgis_environment(profile)
     big = tmp_path / "big.vrt"
@@ -100,7 +100,7 @@ def test_interrupt_cancels(qgis_environment, tmp_path, samples, geomesh_python):
 
 
 def children(pid: int) -> list[int]:
-    """Processes with geomesh in their command line that `pid` has started."""
+    """Return the children of `pid` that have geomesh in their command line."""
     found = []
     for entry in Path("/proc").iterdir():
         try:
@@ -114,7 +114,7 @@ def children(pid: int) -> list[int]:
 
 
 def enlarge(raster: Path, path: Path) -> None:
-    """Make a raster of 6000 x 6000 pixels that takes no space."""
+    """Make a VRT of 6000 x 6000 pixels, which uses almost no disk space."""
     from osgeo import gdal
 
     gdal.Translate(str(path), str(raster), format="VRT", width=6000, height=6000)

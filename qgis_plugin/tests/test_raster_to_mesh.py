@@ -1,4 +1,4 @@
-"""`geomesh:rastertomesh` on a real raster: QGIS itself is the oracle."""
+"""`geomesh:rastertomesh` on a real raster. QGIS itself computes the expected values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from qgis.core import (
 
 @pytest.fixture(scope="module")
 def olinda_mesh(provider, processing, tmp_path_factory, olinda):
-    """The Olinda scene, meshed once."""
+    """A mesh of the Olinda scene, made once."""
     folder = tmp_path_factory.mktemp("olinda")
     return processing.run(
         ALGORITHM,
@@ -30,7 +30,7 @@ def test_layers_are_there_with_their_crs(olinda_mesh):
     edges = open_layer(olinda_mesh["EDGES_LAYER"])
     assert triangles.featureCount() == olinda_mesh["TRIANGLE_COUNT"] > 1000
     assert nodes.featureCount() == olinda_mesh["NODE_COUNT"] > 500
-    # Euler: one component without holes.
+    # Euler's formula for one component without holes.
     assert nodes.featureCount() - edges.featureCount() + triangles.featureCount() == 1
     for layer in (triangles, nodes, edges):
         assert layer.crs().authid() == "EPSG:31985"
@@ -46,7 +46,7 @@ def test_triangles_cover_the_raster_exactly(olinda_mesh, olinda):
 
 
 def test_statistics_are_those_of_qgis(olinda_mesh, olinda, processing):
-    """QGIS counts pixels by their centre too; triangles with a centre on their edge may differ."""
+    """QGIS also counts pixels by their centre. Centres on an edge may make a difference."""
     found = processing.run(
         "native:zonalstatisticsfb",
         {
@@ -60,7 +60,7 @@ def test_statistics_are_those_of_qgis(olinda_mesh, olinda, processing):
     )["OUTPUT"]
     compared = 0
     for feature in found.getFeatures():
-        # Small ones QGIS weighs by area instead.
+        # For small triangles, QGIS weights pixels by area instead.
         if feature["count"] == feature["q_count"] and feature["count"] > 5:
             assert feature["red_mean"] == pytest.approx(feature["q_mean"], abs=1e-9)
             compared += 1

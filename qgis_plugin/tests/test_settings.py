@@ -1,4 +1,4 @@
-"""The options page, driven as a user would: buttons pressed, paths typed, real tasks waited for."""
+"""The options page, used as by a user: press buttons, type paths, wait for real tasks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PATIENCE = 30.0
 
 
 def wait_until(condition):
-    """Let the window live until something is so."""
+    """Process the events of the window until a condition is true."""
     end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end, "waited in vain"
@@ -33,7 +33,7 @@ def wait_until(condition):
         time.sleep(0.01)
 
 
-# Plays the Python that an environment is made from; meshing is done by the real geomesh.
+# A fake Python for creating environments. It passes meshing on to the real geomesh.
 PLAYER = """#!{python}
 import os, shutil, sys, time
 arguments = sys.argv[1:]
@@ -51,7 +51,7 @@ else:
 
 @pytest.fixture(autouse=True)
 def bare_computer(monkeypatch, tmp_path, qgis_app):
-    """No geomesh but those that a test names or makes; a profile of its own."""
+    """A computer where only the test's own geomesh exists, with its own profile."""
     forget_versions()
     monkeypatch.delenv("GEOMESH_PYTHON")
     monkeypatch.setenv("PATH", "/usr/bin:/bin")
@@ -63,7 +63,7 @@ def bare_computer(monkeypatch, tmp_path, qgis_app):
 
 @pytest.fixture
 def wheel(monkeypatch, tmp_path):
-    """Return a function that makes the plugin bring along a wheel of some version."""
+    """Return a function that adds a wheel of a given version to the plugin."""
 
     def bring(version="0.1.0"):
         monkeypatch.setattr(managed, "WHEELS", tmp_path / "wheel")
@@ -85,7 +85,7 @@ def player(monkeypatch, tmp_path, geomesh_python, wheel):
 
 
 class Driver:
-    """A page on the screen, and what its user can see and press."""
+    """A page on the screen, with what a user can see and press."""
 
     def __init__(self, page):
         self.page = page
@@ -99,7 +99,7 @@ class Driver:
         return self.find(QLabel, f"{name}Label").text()
 
     def can_be_read(self):
-        """Whether every label that says something has room for it."""
+        """Return whether every label with text is large enough for it."""
         labels = [
             label
             for label in self.page.findChildren(QLabel)
@@ -131,7 +131,7 @@ class Driver:
         self.find(QgsFileWidget, "pythonFile").lineEdit().setText(str(path))
 
     def wait(self):
-        """Until nothing is being done, nor about to be."""
+        """Wait until no work is running or about to start."""
         wait_until(lambda: work.running() is None and not self.page._typing.isActive())
 
     def wait_for_status(self, text):

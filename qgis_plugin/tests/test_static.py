@@ -1,10 +1,10 @@
-"""What can be known about Qt 6 and old Pythons without having them: from the source alone.
+"""Check the source code for Qt 6 and old Pythons, which need not be installed.
 
-Enumerations are the main trap. Qt 5 lets `Qt.AlignLeft` pass, Qt 6 wants
-`Qt.AlignmentFlag.AlignLeft`. The names used are looked up in the classes of the QGIS that runs
-the tests, so a rule holds for every class of Qt and QGIS without listing one; the names of Qt 6
-come from the stubs of PyQt6. QAction has moved from QtWidgets to QtGui; QGIS serves it from
-qgis.PyQt.QtWidgets in both worlds, and from QtGui not yet in 3.22.
+Enumerations are the main problem: Qt 5 accepts `Qt.AlignLeft`, but Qt 6 requires
+`Qt.AlignmentFlag.AlignLeft`. The check looks up each name in the classes of the QGIS that runs
+the tests. So a rule applies to all classes of Qt and QGIS, and no list of classes is needed. The
+names of Qt 6 come from the stubs of PyQt6. QAction moved from QtWidgets to QtGui in Qt 6. QGIS
+offers it in qgis.PyQt.QtWidgets for both versions, but QGIS 3.22 does not offer it in QtGui.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ import pytest
 PLUGIN = Path(__file__).parents[1] / "geomesh_qgis"
 SOURCES = sorted(PLUGIN.rglob("*.py"))
 
-# In the standard library since 3.11 or later; QGIS 3.22 brings Python 3.9.
+# Modules that were added to the standard library in 3.11 or later. QGIS 3.22 has Python 3.9.
 TOO_NEW = {"tomllib", "annotationlib", "compression"}
 
-# What qgis.PyQt adds to PyQt6.
+# Names that qgis.PyQt adds to PyQt6.
 SHIM = {"QtWidgets": {"QAction", "QActionGroup", "QShortcut"}, "QtCore": {"NULL"}}
 
-# Methods that Qt 6 or PyQt6 dropped. Of an object no class is known here, so these are told by
-# name alone, and only names that nothing else has are listed.
+# Methods that Qt 6 or PyQt6 removed. The class of an object is not known here, so only the name
+# is checked. The list contains only names that no other class uses.
 # fmt: off
 DROPPED = {
     "exec_", "print_", "desktop", "fromTime_t", "toTime_t", "widthChar", "setTabStopWidth",
@@ -50,14 +50,14 @@ def is_enum_type(thing: object) -> bool:
 
 
 def is_member(value: object) -> bool:
-    # sip's enumerations are subclasses of int, those of QGIS are IntEnums in part.
+    # The enumerations of sip are subclasses of int. Some of those of QGIS are IntEnums.
     return isinstance(value, enum.Enum) or (
         isinstance(value, int) and type(value) not in (int, bool)
     )
 
 
 def members(thing: object) -> set[str]:
-    """The unscoped names of enumeration members that a class offers."""
+    """Return the enumeration members of a class that can be used without the enumeration."""
     if not inspect.isclass(thing) or is_enum_type(thing):
         return set()
     return {name for name in dir(thing) if is_member(getattr(thing, name, None))}
@@ -68,9 +68,9 @@ def members(thing: object) -> set[str]:
 
 @functools.cache
 def qt6(module: str) -> dict[str, tuple[set[str], list[str]]]:
-    """Names and bases of each class of a module of PyQt6, nested ones as `Qt.AlignmentFlag`.
+    """Return the names and bases of each class of a PyQt6 module.
 
-    The module itself is the class called "".
+    Nested classes are called `Qt.AlignmentFlag`, for example. The name of the module itself is "".
     """
     path = importlib.metadata.distribution("PyQt6").locate_file(f"PyQt6/{module}.pyi")
     classes: dict[str, tuple[set[str], list[str]]] = {}
@@ -94,7 +94,7 @@ def qt6(module: str) -> dict[str, tuple[set[str], list[str]]]:
 
 
 def find_in_qt6(module: str, owner: str, name: str) -> tuple[str, str] | None:
-    """Give the module and class of Qt 6 where a class, or one that it inherits from, has a name."""
+    """Return the module and class of Qt 6 that define a name for a class, or for its bases."""
     names, bases = qt6(module).get(owner, (set(), []))
     if name in names or (not owner and name in SHIM.get(module, ())):
         return module, owner
@@ -108,27 +108,27 @@ def find_in_qt6(module: str, owner: str, name: str) -> tuple[str, str] | None:
 
 
 def in_qt6(module: str, names: list[str]) -> bool:
-    """Whether Qt 6 has a dotted name."""
+    """Return whether Qt 6 has a dotted name."""
     owner = ""
     for name in names:
         found = find_in_qt6(module, owner, name)
         if not found:
-            # An enumeration has what Python gives every enumeration, such as `value`.
+            # An enumeration also has the attributes of every Python enumeration, such as `value`.
             bases = qt6(module).get(owner, (set(), []))[1]
             return any(base.startswith("enum.") for base in bases) and hasattr(enum.IntFlag, name)
         module, owner = found[0], f"{found[1]}.{name}".lstrip(".")
     return True
 
 
-# ---- the check of one source
+# ---- the check of one source file
 
 
 class Check(ast.NodeVisitor):
     def __init__(self, tree: ast.Module) -> None:
         self.findings: list[str] = []
         self._names: dict[str, tuple[object, str]] = {}  # local name -> object, its full name
-        self._depth = 0  # of functions
-        self._guarded = 0  # inside `if hasattr(...)` and the like
+        self._depth = 0  # number of nested functions
+        self._guarded = 0  # inside `if hasattr(...)` or a similar condition
         self._own = {node.attr for node in ast.walk(tree) if _is_target(node, ast.Attribute)}
         self._own |= {node.id for node in ast.walk(tree) if _is_target(node, ast.Name)}
         self._relative: set[str] = set()
@@ -142,7 +142,7 @@ class Check(ast.NodeVisitor):
         self.findings.append(f"line {node.lineno}: {text}")
 
     def _learn(self, node: ast.Import | ast.ImportFrom) -> None:
-        """Remember what a name from qgis stands for."""
+        """Store the object for each name that is imported from qgis."""
         if isinstance(node, ast.ImportFrom):
             if node.level:
                 self._relative.update(alias.asname or alias.name for alias in node.names)
@@ -215,7 +215,7 @@ class Check(ast.NodeVisitor):
     visit_IfExp = visit_If
 
     def visit_Assign(self, node: ast.Assign) -> None:
-        """Take `kind = QgsThing.Kind` for another name of the same class."""
+        """Treat `kind = QgsThing.Kind` as another name of the same class."""
         root, attributes = _chain(node.value)
         if isinstance(root, ast.Name) and root.id in self._names:
             thing, full = self._names[root.id]
@@ -240,7 +240,7 @@ class Check(ast.NodeVisitor):
         self.visit(root)
 
     def _follow(self, node: ast.AST, thing: object, full: str, attributes: list[str]) -> None:
-        """Resolve a dotted name as Python would, while it goes through modules and classes."""
+        """Resolve a dotted name as Python does, as long as it is in modules and classes."""
         for name in attributes:
             if not (inspect.isclass(thing) or inspect.ismodule(thing)):
                 return
@@ -260,12 +260,12 @@ class Check(ast.NodeVisitor):
 
 
 def _is_target(node: ast.AST, kind: type) -> bool:
-    """Whether a node is a name of that kind being assigned to."""
+    """Return whether a node of that kind is the target of an assignment."""
     return isinstance(node, kind) and isinstance(node.ctx, ast.Store)
 
 
 def _chain(node: ast.expr) -> tuple[ast.expr, list[str]]:
-    """Part `a.b.c` into `a` and [b, c]."""
+    """Split `a.b.c` into `a` and [b, c]."""
     attributes: list[str] = []
     while isinstance(node, ast.Attribute):
         attributes.insert(0, node.attr)

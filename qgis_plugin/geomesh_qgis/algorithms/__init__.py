@@ -1,1 +1,1 @@
-"""The Processing algorithms, one file each."""
+"""The Processing algorithms, one file for each."""

@@ -1,4 +1,4 @@
-"""What the algorithms have in common: they run a command of geomesh and tell how it goes."""
+"""Base classes of the algorithms: they run a geomesh command and report its progress."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PRESETS = {
 
 _FOLDER = Path(__file__).parents[1]
 
-# What geomesh calls its options, and what the dialog calls them.
+# The names of geomesh's options, and the names in the dialog.
 _WORDS = {
     "--set edge_distance=null or --set min_spacing=1": "a minimum distance between nodes of 1",
     "--set sobel=true": "Sobel (advanced)",
@@ -46,14 +46,14 @@ _WORDS = {
 
 
 def in_the_dialogs_words(text: str) -> str:
-    """Return a message of geomesh with the dialog's names for its options."""
+    """Return a message of geomesh with its options replaced by the names in the dialog."""
     for option, words in _WORDS.items():
         text = text.replace(option, words)
     return text
 
 
 class GeomeshAlgorithm(QgsProcessingAlgorithm):
-    """An algorithm that runs in the environment of geomesh, never in QGIS's own Python."""
+    """An algorithm that runs in the environment of geomesh, never in the Python of QGIS."""
 
     NAME = ""
     TITLE = ""
@@ -63,49 +63,49 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
     HELP = ""
 
     def createInstance(self) -> GeomeshAlgorithm:
-        """Return a new one: every run has its own."""
+        """Return a new instance. Each run has its own."""
         return type(self)()
 
     def name(self) -> str:
-        """Return the name for programs."""
+        """Return the name of the algorithm, used by programs."""
         return self.NAME
 
     def displayName(self) -> str:
-        """Return the name for people."""
+        """Return the name of the algorithm, shown to the user."""
         return self.TITLE
 
     def group(self) -> str:
-        """Return the heading in the toolbox."""
+        """Return the name of the group in the toolbox."""
         return self.GROUP
 
     def groupId(self) -> str:
-        """Return the heading for programs."""
+        """Return the identifier of the group, used by programs."""
         return self.GROUP.lower()
 
     def tags(self) -> list[str]:
-        """Return words by which the toolbox finds it."""
+        """Return keywords for the search in the toolbox."""
         return list(self.TAGS)
 
     def icon(self) -> QIcon:
-        """Return the picture beside the name."""
+        """Return the icon."""
         return QIcon(str(_FOLDER / "icon.svg"))
 
     def svgIconPath(self) -> str:
-        """Return the picture as a vector file."""
+        """Return the path of the icon as a vector file."""
         return str(_FOLDER / "icon.svg")
 
     def shortDescription(self) -> str:
-        """Return one sentence."""
+        """Return a description of one sentence."""
         return self.SUMMARY
 
     def shortHelpString(self) -> str:
-        """Return the help beside the parameters, with its picture."""
+        """Return the help text, with a picture. It is shown beside the parameters."""
         picture = (_FOLDER / "images" / f"{self.NAME}.png").as_uri()
-        help_text = " ".join(self.HELP.split())  # Processing would break the lines of the source
+        help_text = " ".join(self.HELP.split())  # Processing keeps the line breaks of the source
         return f'<p>{self.SUMMARY}</p><p><img src="{picture}"/></p>{help_text}'
 
     def checkParameterValues(self, parameters: dict, context: QgsProcessingContext) -> tuple:
-        """Refuse to start without geomesh, or with values that cannot work."""
+        """Check that geomesh is available and that the values are valid."""
         passed, reason = super().checkParameterValues(parameters, context)
         if not passed:
             return False, reason
@@ -117,13 +117,13 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         return not reason, reason
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
-        """Return why the values cannot work, or an empty text."""
+        """Return why the values are not valid, or an empty text."""
         return ""
 
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
-        """Refuse what cannot work: batches and steps of models were not checked before."""
+        """Check the values: for batches and steps of models nothing checked them before."""
         reason = self.find_fault(parameters, context)
         if reason:
             raise QgsProcessingException(reason)
@@ -132,15 +132,15 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
     def find_mesh_output_fault(
         self, parameters: dict, context: QgsProcessingContext, read: Sequence[str]
     ) -> str:
-        """Return why the mesh cannot go where OUTPUT says, or an empty text."""
-        # In a context of its own: the run's would take it for a layer to load.
+        """Return why the mesh cannot be written to OUTPUT, or an empty text."""
+        # This uses a new context. In the context of the run it would add a layer to load.
         path = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
         return find_format_fault(path) or find_output_fault(path, context.project(), read)
 
     def find_file_output_fault(
         self, name: str, parameters: dict, context: QgsProcessingContext, read: Sequence[str]
     ) -> str:
-        """Return why the file that a parameter names cannot be written, or an empty text."""
+        """Return why the output file of a parameter cannot be written, or an empty text."""
         path = self.parameterAsFileOutput(parameters, name, QgsProcessingContext())
         return find_output_fault(path, context.project(), read) if path else ""
 
@@ -158,16 +158,16 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         arguments : sequence of str
             Name of the command, its options and its input.
         feedback : QgsProcessingFeedback
-            Is told of progress and warnings; asked whether to stop.
+            Receives progress and warnings. It also tells whether the user cancelled.
         output : str
-            File that the command writes; an older one is replaced.
+            File that the command writes. It replaces an older file.
         span : (float, float)
-            Part of the whole run that this command is, from 0 to 1.
+            Part of the whole run that this command takes, from 0 to 1.
 
         Raises
         ------
         QgsProcessingException
-            If it fails or was cancelled; `output` is as it was before.
+            If the command fails or is cancelled. `output` is then unchanged.
         """
         start, end = span
         said = ""
@@ -203,20 +203,20 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
 
 
 class RasterAlgorithm(GeomeshAlgorithm):
-    """One that reads the raster layer INPUT, cropped to EXTENT."""
+    """An algorithm that reads the raster layer INPUT, cropped to EXTENT."""
 
     raster: RasterInput
 
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
-        """Ask the layer what is needed: later this runs in another thread."""
+        """Read the properties of the layer here, because the algorithm runs in another thread."""
         super().prepareAlgorithm(parameters, context, feedback)
         self.raster = describe_raster(self.parameterAsRasterLayer(parameters, "INPUT", context))
         return True
 
     def extent_options(self, parameters: dict, context: QgsProcessingContext) -> list[str]:
-        """Return geomesh's option for EXTENT, in the CRS of the raster."""
+        """Return the geomesh option for EXTENT, in the CRS of the raster."""
         box = self.parameterAsExtent(parameters, "EXTENT", context, self.raster.crs)
         if box.isNull():
             return []

@@ -1,4 +1,4 @@
-"""Mesh quality: Ki and the standard measures."""
+"""The algorithm Mesh quality: Ki and the standard measures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPACES = ("image", "map")
 
 
 class MeshQuality(GeomeshAlgorithm):
-    """Measures the triangles of a mesh."""
+    """Computes quality measures of the triangles of a mesh."""
 
     NAME = "meshquality"
     TITLE = "Mesh quality"
@@ -42,7 +42,7 @@ fields, whose names begin with <i>map_</i>.</p>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:
-        """Declare the parameters and the outputs."""
+        """Define the parameters and the outputs."""
         self.addParameter(
             QgsProcessingParameterVectorLayer(
                 "INPUT", "Mesh", [QgsProcessing.SourceType.TypeVectorAnyGeometry]
@@ -67,7 +67,7 @@ fields, whose names begin with <i>map_</i>.</p>
         self.addOutput(QgsProcessingOutputNumber("MIN_ANGLE", "Smallest angle (degrees)"))
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
-        """Return why the values cannot work, or an empty text."""
+        """Return why the values are not valid, or an empty text."""
         path = self._find_path(parameters, context)
         if not is_geopackage(path):
             return (
@@ -81,7 +81,7 @@ fields, whose names begin with <i>map_</i>.</p>
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> bool:
-        """Ask the layer for its file: later this runs in another thread."""
+        """Get the file of the layer here, because the algorithm runs in another thread."""
         super().prepareAlgorithm(parameters, context, feedback)
         self._path = self._find_path(parameters, context)
         return True
@@ -94,7 +94,7 @@ fields, whose names begin with <i>map_</i>.</p>
     def processAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict:
-        """Measure; write the fields and the report."""
+        """Compute the measures. Write the fields and the report."""
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", context)
         report = self.parameterAsFileOutput(parameters, "REPORT", context)
         space = SPACES[self.parameterAsEnum(parameters, "SPACE", context)]

@@ -1,4 +1,4 @@
-"""Raster to mesh: the main one."""
+"""The algorithm Raster to mesh, the main one."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ DOMAINS = ("valid", "image", "hull")
 
 
 class RasterToMesh(RasterAlgorithm):
-    """Turns a raster layer into a mesh: vector layers and, if wanted, a mesh layer."""
+    """Converts a raster layer to a mesh: vector layers and, optionally, a mesh layer."""
 
     NAME = "rastertomesh"
     TITLE = "Raster to mesh"
@@ -83,7 +83,7 @@ published system exactly, at 256 × 256 pixels.<br/>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:
-        """Declare the parameters and the outputs."""
+        """Define the parameters and the outputs."""
         whole = QgsProcessingParameterNumber.Type.Integer
         real = QgsProcessingParameterNumber.Type.Double
         nodata = QgsProcessingParameterNumber("NODATA", "Nodata value", real, None, True)
@@ -144,7 +144,7 @@ published system exactly, at 256 × 256 pixels.<br/>
             self.addOutput(output)
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
-        """Return why the values cannot work, or an empty text."""
+        """Return why the values are not valid, or an empty text."""
         raster = self.parameterAsRasterLayer(parameters, "INPUT", context)
         read = [
             *layer_files(raster),
@@ -169,7 +169,7 @@ published system exactly, at 256 × 256 pixels.<br/>
         if not mesh.lower().endswith(".nc"):
             return f"{mesh} does not end in .nc: a mesh layer is a UGRID file (.nc)."
         if not is_geopackage(output) and is_same_file(str(Path(output).with_suffix("")), mesh[:-3]):
-            # QGIS keeps the style of either in a file of that name.
+            # QGIS saves the styles of both files under this name.
             return (
                 f"{output} and {mesh} would share one style file: choose another name for one "
                 "of them."
@@ -179,7 +179,7 @@ published system exactly, at 256 × 256 pixels.<br/>
     def processAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict:
-        """Mesh the raster; style the layers and have them loaded."""
+        """Mesh the raster, style the layers and let QGIS load them."""
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", context)
         mesh_layer = self.parameterAsFileOutput(parameters, "MESH", context)
         chosen = [LAYERS[i] for i in self.parameterAsEnums(parameters, "LAYERS", context)]

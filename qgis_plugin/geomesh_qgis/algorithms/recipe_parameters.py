@@ -1,4 +1,4 @@
-"""The parameters of a recipe as advanced parameters; without a value they are the preset's."""
+"""The recipe parameters as advanced parameters. If one is not set, the preset's value is used."""
 
 from __future__ import annotations
 
@@ -32,14 +32,15 @@ class Setting:
     Parameters
     ----------
     name : str
-        As geomesh's Recipe has it; in capitals, the name of the Processing parameter.
+        Name of the field of geomesh's Recipe. In capitals, it is the name of the Processing
+        parameter.
     label : str
-        With the unit.
+        Text in the dialog, with the unit.
     kind : {"whole", "real", "range", "choice", "flag", "some", "gray", "size"}
     low : float, optional
-        Least value.
+        Minimum value.
     choices : tuple of str
-        Values to choose from.
+        Possible values.
     """
 
     name: str
@@ -105,7 +106,7 @@ def recipe_parameters() -> list[QgsProcessingParameterDefinition]:
 def recipe_options(
     algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
 ) -> list[str]:
-    """Return the options of geomesh for the parameters that have a value."""
+    """Return the geomesh options for the parameters that are set."""
     options: list[str] = []
     recipe = algorithm.parameterAsFile(parameters, "RECIPE", context)
     if recipe:
@@ -120,7 +121,7 @@ def recipe_options(
 def find_recipe_fault(
     algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
 ) -> str:
-    """Return which value cannot work, and why; else an empty text."""
+    """Return which value is not valid, and why, or an empty text."""
     gray = algorithm.parameterAsString(parameters, "GRAY", context)
     if gray and not _GRAY.fullmatch(gray):
         return f"Gray image is {gray!r}: choose luma, mean, pca or band:N, such as band:4."
@@ -166,7 +167,7 @@ def _value(
     parameters: dict,
     context: QgsProcessingContext,
 ) -> Any:
-    """Return the value of a parameter as a recipe has it, or None if it is not set."""
+    """Return the value of a parameter in the form of a recipe, or None if it is not set."""
     given = (parameters, setting.parameter, context)
     if not is_given(parameters, setting.parameter, context):
         return None
@@ -191,7 +192,7 @@ def _value(
 def _stretch(
     algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
 ) -> list[float] | None:
-    """Return the two percentiles; the dialog has NaN for what is not set."""
+    """Return the two percentiles. In the dialog, NaN means that a value is not set."""
     if not is_given(parameters, "STRETCH", context):
         return None
     limits = algorithm.parameterAsRange(parameters, "STRETCH", context)

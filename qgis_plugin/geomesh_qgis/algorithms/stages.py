@@ -1,4 +1,4 @@
-"""Stages of the pipeline: the four-panel figure."""
+"""The algorithm Stages of the pipeline: a figure with four panels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .values import find_number_fault
 
 
 class Stages(RasterAlgorithm):
-    """Draws what each stage of the pipeline gives."""
+    """Draws the result of each stage of the pipeline."""
 
     NAME = "stages"
     TITLE = "Stages of the pipeline"
@@ -36,7 +36,7 @@ side, only its middle is shown. To show another part, set the <b>extent</b>.</p>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:
-        """Declare the parameters and the outputs."""
+        """Define the parameters and the outputs."""
         for parameter in (
             QgsProcessingParameterRasterLayer("INPUT", "Raster"),
             QgsProcessingParameterEnum("PRESET", "Preset", list(PRESETS.values()), False, 0),
@@ -54,7 +54,7 @@ side, only its middle is shown. To show another part, set the <b>extent</b>.</p>
             self.addParameter(parameter)
 
     def find_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
-        """Return why the values cannot work, or an empty text."""
+        """Return why the values are not valid, or an empty text."""
         raster = self.parameterAsRasterLayer(parameters, "INPUT", context)
         read = [*layer_files(raster), self.parameterAsFile(parameters, "RECIPE", context)]
         return (

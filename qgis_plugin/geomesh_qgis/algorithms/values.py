@@ -1,4 +1,4 @@
-"""Values of parameters: whether they are given at all, and whether numbers are numbers."""
+"""Checks of parameter values: whether a parameter is set, and whether a number is a number."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from qgis.core import NULL, QgsProcessingAlgorithm, QgsProcessingContext, QgsPro
 
 
 def is_given(parameters: dict[str, Any], name: str, context: QgsProcessingContext) -> bool:
-    """Tell whether a parameter has a value; an expression may give none."""
+    """Return whether a parameter has a value. An expression can give no value."""
     value = parameters.get(name)
     if isinstance(value, QgsProperty):
         value, _ = value.value(context.expressionContext(), None)
@@ -16,7 +16,7 @@ def is_given(parameters: dict[str, Any], name: str, context: QgsProcessingContex
 
 
 def find_number_fault(algorithm: QgsProcessingAlgorithm, parameters: dict[str, Any]) -> str:
-    """Return which number is a text of something else, for QGIS would take it for 0."""
+    """Return which number is a text that is not a number. QGIS would use 0 for such a text."""
     for definition in algorithm.parameterDefinitions():
         value = parameters.get(definition.name())
         if definition.type() == "number" and isinstance(value, str) and value.strip():

@@ -1,4 +1,4 @@
-"""The geomesh that the plugin runs: found, installed, tried out, and run. No QGIS, no Qt."""
+"""Find, install, test and run the geomesh that the plugin uses. Needs no QGIS and no Qt."""
 
-# Where the user looks after it: what messages point to.
+# The page of the settings to which messages refer.
 OPTIONS = "Settings > Options > geomesh"

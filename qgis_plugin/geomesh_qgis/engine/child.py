@@ -1,4 +1,4 @@
-"""A child process that never outlives its reader, its lines read as they come. No Qt."""
+"""A child process that ends when its reader ends. Its output is read line by line. No Qt."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from types import TracebackType
 
-# Of another Python, another PROJ or another GDAL: QGIS exports its own, and they would
-# make the child load the wrong libraries or, worse, read the wrong CRS database in silence.
+# Variables of another Python, PROJ or GDAL. QGIS sets them for itself. With them, the child
+# would load the wrong libraries or, worse, use the wrong CRS database without an error.
 _FOREIGN = ("PYTHON", "PROJ_", "GDAL_", "DYLD_", "QGIS_")
 _FOREIGN_NAMES = ("VIRTUAL_ENV", "LD_LIBRARY_PATH", "LD_PRELOAD", "QT_PLUGIN_PATH")
 
@@ -28,41 +28,41 @@ _LAST_CHANCE = 1.0
 _KEPT_LINES = 40
 _LONGEST_LINE = 1 << 20
 
-# Without it a console window would flash up on Windows.
+# Without this flag, a console window would appear for a moment on Windows.
 _NO_WINDOW: int = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
 class Cancelled(Exception):  # noqa: N818
-    """The user stopped the work."""
+    """The user cancelled the work."""
 
 
 def clean_environment(environ: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment variables for a child that is another Python.
+    """Return the environment variables for a child process that runs another Python.
 
     Parameters
     ----------
     environ : mapping of str to str
-        Usually `os.environ`. Variables that point Python, PROJ, GDAL or the dynamic
-        linker to QGIS's own files are left out.
+        Usually `os.environ`. The result leaves out the variables that make Python, PROJ, GDAL
+        or the dynamic linker use the files of QGIS.
     """
     kept = {
         name: value
         for name, value in environ.items()
         if not name.startswith(_FOREIGN) and name not in _FOREIGN_NAMES
     }
-    # QGIS may be started in a folder of the user's that holds a numpy.py.
+    # The working folder of QGIS may be a user's folder that contains a numpy.py.
     return {**kept, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1"}
 
 
 def ask(command: Sequence[str], timeout: float) -> subprocess.CompletedProcess[bytes]:
-    """Run a program that answers at once, and return what it wrote.
+    """Run a program that ends after a short time, and return its output.
 
     Raises
     ------
     OSError, ValueError
-        If it cannot be started.
+        If the program cannot be started.
     subprocess.TimeoutExpired
-        If it took longer than `timeout` seconds; it was killed.
+        If it took longer than `timeout` seconds. It is then killed.
     """
     return subprocess.run(
         list(command),
@@ -76,24 +76,24 @@ def ask(command: Sequence[str], timeout: float) -> subprocess.CompletedProcess[b
 
 
 class Child:
-    """A process whose standard input is a pipe that is held open, for use in a `with` statement.
+    """A child process for use in a `with` statement. A pipe to its standard input stays open.
 
-    However the statement is left, the process has ended by then.
+    When the `with` statement ends, for any reason, the process has ended too.
 
     Parameters
     ----------
     command : sequence of str
-        Program and arguments; no shell is involved.
+        Program and arguments. No shell is used.
     environ : mapping of str to str
     merge : bool
-        Whether what it writes on standard error is among its lines.
+        Whether `lines` includes the standard error of the process.
     patience : float
-        Seconds that it has to end by itself once its standard input is closed.
+        Time in seconds that the process has to end by itself after its standard input is closed.
 
     Raises
     ------
     OSError, ValueError
-        If it cannot be started.
+        If the process cannot be started.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Child:
             stderr=subprocess.STDOUT if merge else subprocess.PIPE,
             env=dict(environ),
             creationflags=_NO_WINDOW,
-            # A group of its own: what it starts itself can be ended with it.
+            # A new process group: its own child processes can be ended together with it.
             start_new_session=True,
         )
         self._readers = [self._read(self._process.stdout, self._lines.put, last=True)]
@@ -134,16 +134,16 @@ class Child:
 
     @property
     def exit_code(self) -> int | None:
-        """As in `subprocess`: None while it runs, negative for a signal."""
+        """Exit code as in `subprocess`: None while it runs, negative for a signal."""
         return self._process.poll()
 
     def lines(self, cancelled: Callable[[], bool]) -> Iterator[str]:
-        """Yield its lines as they come, until it has ended.
+        """Yield the output line by line, until the process has ended.
 
         Raises
         ------
         Cancelled
-            As soon as `cancelled()` says so; it is asked every 0.1 s.
+            When `cancelled()` returns True. It is called every 0.1 s.
         """
         asked = float("-inf")
         open_ = True
@@ -158,7 +158,7 @@ class Child:
                 line = self._lines.get(timeout=_POLL)
             except queue.Empty:
                 if self.exit_code is not None:
-                    # Something that it started, and left behind, may hold the pipe.
+                    # A process that the child started and did not end may keep the pipe open.
                     ended_since = ended_since or now
                     open_ = open_ and now - ended_since < _LAST_CHANCE
                 continue
@@ -168,7 +168,7 @@ class Child:
                 yield line
 
     def rest(self) -> Iterator[str]:
-        """Yield the lines that have come and were not read yet, without waiting."""
+        """Yield the lines that were received but not read yet, without waiting."""
         with suppress(queue.Empty):
             while True:
                 line = self._lines.get_nowait()
@@ -176,7 +176,7 @@ class Child:
                     yield line
 
     def stop(self) -> None:
-        """End it: close its standard input, then terminate it, then kill it."""
+        """End the process: close its standard input, then terminate it, then kill it."""
         with suppress(OSError):
             if self._process.stdin:
                 self._process.stdin.close()
@@ -188,7 +188,7 @@ class Child:
         for reader in self._readers:
             reader.join(timeout=_LAST_CHANCE)
             if reader.is_alive():
-                # It has left something behind that still writes to us.
+                # A process that the child started still writes to the pipe.
                 self._signal("SIGKILL")
                 reader.join(timeout=_LAST_CHANCE)
         if not any(reader.is_alive() for reader in self._readers):

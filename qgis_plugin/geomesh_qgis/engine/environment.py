@@ -1,8 +1,8 @@
-"""Which geomesh the plugin runs: found, judged and described. No Qt.
+"""Find and check the geomesh that the plugin runs. Needs no Qt.
 
-The order: the plugin's setting, GEOMESH_PYTHON, `geomesh` on PATH, the environment that the
-plugin made for itself (`installing.py`). What the user named must work; it is never
-skipped in silence.
+The search order is: the plugin's setting, GEOMESH_PYTHON, `geomesh` on PATH, the environment
+that the plugin created (`installing.py`). If the user specified a geomesh and it does not work,
+this is an error: the plugin does not use another one instead.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ VARIABLE = "GEOMESH_PYTHON"
 PATH = "PATH"
 MANAGED = "the plugin's own environment"
 
-# A cold start from a slow disk, with a virus scanner that looks at every file.
+# Enough for the first start from a slow disk while a virus scanner checks every file.
 _TIMEOUT = 60.0
 
 _VERSION = re.compile(r"geomesh, version (\S+)")
 
 
 class EnvironmentProblem(Exception):  # noqa: N818
-    """There is no geomesh that works, or it cannot be made; its text is one line.
+    """No geomesh works, or it cannot be installed. The text of the error is one line.
 
     Parameters
     ----------
     message : str
     details : tuple of str
-        What the programs that were run have said.
+        Output of the programs that were run.
     """
 
     def __init__(self, message: str, details: tuple[str, ...] = ()) -> None:
@@ -53,12 +53,12 @@ class EnvironmentProblem(Exception):  # noqa: N818
 
 @dataclass(frozen=True)
 class Installation:
-    """A geomesh that answers.
+    """A geomesh that works.
 
     Parameters
     ----------
     command : tuple of str
-        What to put before the arguments.
+        Start of the command line, before the arguments.
     origin : str
         Where it was found: `SETTING`, `VARIABLE`, `PATH` or `MANAGED`.
     version : str
@@ -82,7 +82,7 @@ def find(setting: str, managed: Path) -> Installation:
     Raises
     ------
     EnvironmentProblem
-        If what the user named does not work, or there is none.
+        If the geomesh that the user specified does not work, or if there is none.
     """
     for origin, named in ((SETTING, setting.strip()), (VARIABLE, os.environ.get(VARIABLE, ""))):
         if named:
@@ -114,12 +114,12 @@ def find(setting: str, managed: Path) -> Installation:
 
 
 def installation_at(place: str, origin: str) -> Installation:
-    """Return the geomesh at a path, if it answers and is not too old.
+    """Return the geomesh at a path, if it works and is not too old.
 
     Raises
     ------
     EnvironmentProblem
-        If not; the message does not tell the way out, which depends on the origin.
+        If not. The message does not say how to solve it, because this depends on the origin.
     """
     command = command_at(place)
     version = _ask_version(command)
@@ -134,7 +134,7 @@ def command_at(place: str) -> tuple[str, ...]:
     Raises
     ------
     EnvironmentProblem
-        If there is none of them.
+        If the path is none of them.
     """
     path = Path(place).expanduser()
     if path.is_dir():
@@ -144,7 +144,7 @@ def command_at(place: str) -> tuple[str, ...]:
         path = python
     elif not path.is_file():
         raise EnvironmentProblem(f"{place} does not exist")
-    # Links are not followed: a Python of an environment is known by its place.
+    # Links are not resolved: the location of a Python tells to which environment it belongs.
     path = Path(os.path.abspath(path))  # noqa: PTH100
     if path.name.lower().startswith("geomesh"):
         return (str(path),)
@@ -164,12 +164,12 @@ _answers: dict[tuple[object, ...], str] = {}
 
 
 def forget_versions() -> None:
-    """Ask every geomesh again: something was installed or removed."""
+    """Clear the cache of versions, because something was installed or removed."""
     _answers.clear()
 
 
 def _ask_version(command: Sequence[str]) -> str:
-    """Return the version that a geomesh tells, asked once as long as its files stay."""
+    """Return the version of a geomesh. The result is cached until its files change."""
     key = (*command, *_times(Path(command[0])))
     if key not in _answers:
         _answers[key] = _ask(command)
@@ -177,7 +177,7 @@ def _ask_version(command: Sequence[str]) -> str:
 
 
 def _times(program: Path) -> Iterable[int]:
-    """When the program, and the packages of its environment, were last changed."""
+    """Return when the program and the packages of its environment were last changed."""
     root = program.parent.parent
     folders = [*sorted(root.glob("lib/python*/site-packages")), root / "Lib" / "site-packages"]
     return (path.stat().st_mtime_ns for path in (program, *folders) if path.exists())
@@ -202,7 +202,7 @@ def _ask(command: Sequence[str]) -> str:
 
 
 def order(version: str) -> tuple[int, ...]:
-    """Return the numbers of a version, to compare by; "0.2.0.dev1" counts as 0.2.0."""
+    """Return the numbers of a version, for comparisons. "0.2.0.dev1" counts as 0.2.0."""
     match = re.match(r"\d+(?:\.\d+)*", version)
     numbers = [int(part) for part in match[0].split(".")] if match else []
     return tuple([*numbers, 0, 0, 0][:3])

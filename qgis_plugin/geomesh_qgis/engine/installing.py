@@ -1,4 +1,4 @@
-"""Make the plugin's own environment: beside the old one, tried out, then swapped in. No Qt."""
+"""Create the plugin's own environment beside the old one, test it, then replace it. No Qt."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 Report = Callable[[float, str], None]
 Cancel = Callable[[], bool]
 
-# Where each step ends.
+# The progress at the end of each step.
 _MADE, _FILLED = 0.05, 0.9
 
-# What an installation downloads, roughly: only the progress depends on it.
+# The approximate size of the download of an installation. Only the progress depends on it.
 _PACKAGES = 35
 _MEGABYTES = 350.0
 _UNITS = {"bytes": 1e-6, "kB": 1e-3, "MB": 1.0, "GB": 1e3}
@@ -60,29 +60,29 @@ def install(
     cancelled: Cancel,
     python: Path | None = None,
 ) -> Installation:
-    """Make the plugin's own environment, or make it anew, and return the geomesh in it.
+    """Create the plugin's own environment, or create it again, and return its geomesh.
 
-    The old one stays in its place, and works, until the new one has made a mesh.
+    The old environment stays in place and works until the new one has made a test mesh.
 
     Parameters
     ----------
     managed : Path
-        Its folder.
+        Folder of the environment.
     wheel : Path
-        Of geomesh; what it needs is downloaded.
+        Wheel of geomesh. Its dependencies are downloaded.
     progress : callable
-        Gets a fraction (0..1, never less than before) and what is being done.
+        Receives a fraction (0..1, which never decreases) and a description of the current step.
     cancelled : callable
-        Whether to stop; asked every 0.1 s.
+        Returns whether to stop. It is called every 0.1 s.
     python : Path, optional
-        To make it from; `find_base_python()` by default.
+        Python from which the environment is created. Default: `find_base_python()`.
 
     Raises
     ------
     Cancelled
-        If it was stopped; nothing has changed.
+        If the installation was cancelled. Nothing has changed.
     EnvironmentProblem
-        If it failed; nothing has changed.
+        If the installation failed. Nothing has changed.
     """
     wheel_version(wheel)
     new = beside(managed, "new")
@@ -107,22 +107,22 @@ def install(
 
 
 def pip_fraction(lines: Sequence[str]) -> float:
-    """Return how much pip has done (0..1), by the lines that it has written so far."""
+    """Return the progress of pip (0..1) from the lines that it has written so far."""
     packages, megabytes, coming = 0, 0.0, 0.0
     for line in lines:
         if line.startswith("Installing collected packages"):
-            return 0.8  # the last that it says, but for its success
+            return 0.8  # the last line of pip before it reports success
         if line.startswith(("Collecting", "Processing")):
             packages += 1
         fetched = _FETCHED.match(line)
         if fetched:
-            # It is told before it is downloaded.
+            # pip writes this line before the download.
             megabytes, coming = megabytes + coming, float(fetched[2]) * _UNITS[fetched[3]]
     return 0.2 * min(packages / _PACKAGES, 1.0) + 0.6 * min(megabytes / _MEGABYTES, 1.0)
 
 
 def explain(lines: Sequence[str], wheel: Path) -> str:
-    """Return in one line why pip failed, and what to do."""
+    """Return one line that says why pip failed and what to do."""
     text = "\n".join(lines)
     if _DISK_FULL.search(text):
         return (
@@ -175,7 +175,7 @@ def _fill(new: Path, base: Path, wheel: Path, progress: Report, cancelled: Cance
         [
             *(str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"),
             *("--no-user", "--progress-bar=off", "--only-binary=:all:"),
-            # As a URL, for a path may hold brackets, which would be taken for an extra.
+            # A URL, because a path may contain brackets, and pip would read them as an extra.
             f"geomesh-toolkit[figures] @ {wheel.resolve().as_uri()}",
         ],
         new,
@@ -204,7 +204,7 @@ def _listen(
     command: Sequence[str], new: Path, hear: Callable[[str], None], cancelled: Cancel
 ) -> tuple[int | None, list[str]]:
     """Run a step; return its exit code and its lines."""
-    # What pip unpacks goes with the folder, and does not fill a small /tmp.
+    # pip unpacks its files in the new folder, because /tmp may be too small.
     scratch = _scratch(new)
     scratch.mkdir(exist_ok=True)
     environ = clean_environment(os.environ)
@@ -222,7 +222,7 @@ def _scratch(new: Path) -> Path:
 
 
 def _recover(managed: Path) -> None:
-    """Tidy up after an installation that was cut off, by a power failure say."""
+    """Clean up after an interrupted installation, for example after a power failure."""
     new, old = beside(managed, "new"), beside(managed, "old")
     if old.exists() and not managed.exists():
         move_folder(old, managed)
@@ -231,9 +231,10 @@ def _recover(managed: Path) -> None:
 
 
 def _swap(new: Path, managed: Path) -> None:
-    """Put the new environment in the place of the old one, or leave the old one there.
+    """Replace the old environment by the new one. If this fails, keep the old one.
 
-    Its scripts keep the old path in their first line; geomesh is run as `python -m geomesh`.
+    The first line of the new scripts contains a path that is no longer valid. This does not
+    matter, because geomesh is run as `python -m geomesh`.
     """
     old = beside(managed, "old")
     if managed.exists():

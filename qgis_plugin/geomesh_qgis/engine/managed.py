@@ -1,4 +1,4 @@
-"""The plugin's own environment and the wheel that it is made from. No Qt."""
+"""The plugin's own environment and the wheel from which it is created. Needs no Qt."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .environment import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-# Where the zip file of the plugin has it.
+# The place of the wheel in the plugin's zip file.
 WHEELS = Path(__file__).parents[1] / "wheel"
 
 _WHEEL = re.compile(r"geomesh_toolkit-([^-]+)-.*\.whl")
@@ -36,19 +36,19 @@ _ATTEMPTS = 20
 
 @dataclass(frozen=True)
 class Survey:
-    """What there is, for people to look at.
+    """What is installed, for display on the options page.
 
     Parameters
     ----------
     used : Installation or None
-        None if there is a `problem`.
+        The geomesh that the plugin runs. None if there is a `problem`.
     problem : str
     managed : bool
-        Whether the plugin's own environment is there, working or not.
+        Whether the plugin's own environment exists, even if it does not work.
     managed_version : str
-        "" if it does not work.
+        Version of geomesh in that environment; "" if it does not work.
     offered : str
-        Version that the plugin brings along; "" if none.
+        Version of the wheel in the plugin; "" if there is none.
     """
 
     used: Installation | None
@@ -59,12 +59,12 @@ class Survey:
 
 
 def bundled_wheel() -> Path:
-    """Return the wheel of geomesh that comes with the plugin.
+    """Return the wheel of geomesh that is included in the plugin.
 
     Raises
     ------
     EnvironmentProblem
-        If this copy of the plugin has none.
+        If this copy of the plugin contains no wheel.
     """
     wheels = [path for path in WHEELS.glob("*.whl") if _WHEEL.fullmatch(path.name)]
     if not wheels:
@@ -76,12 +76,12 @@ def bundled_wheel() -> Path:
 
 
 def wheel_version(wheel: Path) -> str:
-    """Return the version that the name of a wheel tells.
+    """Return the version in the file name of a wheel.
 
     Raises
     ------
     EnvironmentProblem
-        If it is no wheel of geomesh.
+        If the file is not a wheel of geomesh.
     """
     match = _WHEEL.fullmatch(wheel.name)
     if match is None:
@@ -93,7 +93,7 @@ def wheel_version(wheel: Path) -> str:
 
 
 def survey(setting: str, managed: Path) -> Survey:
-    """Return what there is; problems are told, not raised."""
+    """Return what is installed. Problems are part of the result, not exceptions."""
     used, problem = None, ""
     try:
         used = find(setting, managed)
@@ -108,12 +108,12 @@ def survey(setting: str, managed: Path) -> Survey:
 
 
 def remove(managed: Path) -> None:
-    """Remove the plugin's own environment, and what unfinished installations left of it.
+    """Remove the plugin's own environment, and the remains of interrupted installations.
 
     Raises
     ------
     EnvironmentProblem
-        If it cannot be removed, or is something else.
+        If the folder cannot be removed, or is not such an environment.
     """
     if managed.exists() and not (managed / "pyvenv.cfg").is_file() and any(managed.iterdir()):
         raise EnvironmentProblem(
@@ -128,14 +128,14 @@ def remove(managed: Path) -> None:
 
 @contextmanager
 def locked(managed: Path) -> Iterator[None]:
-    """Keep other windows of QGIS from installing or removing at the same time.
+    """Prevent other QGIS windows from installing or removing at the same time.
 
     Raises
     ------
     EnvironmentProblem
-        If one does so already. The lock goes with its process, however that ends.
+        If another window does so already. The lock ends with its process, even after a crash.
     """
-    # Not in the profile, where it would stay behind.
+    # The lock file is not in the profile, because it would stay there.
     name = hashlib.sha256(str(managed).encode()).hexdigest()[:16]
     with (Path(tempfile.gettempdir()) / f"geomesh-{name}.lock").open("a+b") as file:
         try:
@@ -155,17 +155,17 @@ def locked(managed: Path) -> Iterator[None]:
 
 
 def beside(managed: Path, what: str) -> Path:
-    """Return the folder for an environment that is being made ("new") or replaced ("old")."""
+    """Return the folder for an environment that is being created ("new") or replaced ("old")."""
     return managed.with_name(f"{managed.name}.{what}")
 
 
 def remove_folder(folder: Path) -> None:
-    """Remove a folder that may not be there.
+    """Remove a folder, if it exists.
 
     Raises
     ------
     EnvironmentProblem
-        If something of it stays.
+        If a part of it cannot be removed.
     """
     if folder.exists():
         _insist(lambda: shutil.rmtree(folder), f"{folder} cannot be removed")
@@ -183,7 +183,7 @@ def move_folder(folder: Path, place: Path) -> None:
 
 
 def _insist(act: Callable[[], object], otherwise: str) -> None:
-    """Try for two seconds: Windows keeps the files of a process that has just ended."""
+    """Repeat for two seconds: Windows locks the files of a process for a moment after its end."""
     reason = _failure(act)
     for _ in range(_ATTEMPTS):
         if not reason:

@@ -1,6 +1,6 @@
-"""A Python to make an environment from, which is never simply the one that QGIS runs in. No Qt.
+"""Find a Python to create an environment from. It is never simply `sys.executable`. No Qt.
 
-On Windows and macOS `sys.executable` is QGIS itself: run as a Python it would open another QGIS.
+On Windows and macOS, `sys.executable` is QGIS itself: used as Python, it would open a second QGIS.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 OLDEST = (3, 11)
-# Newer ones are taken if there is no other: wheels of numba come months after a Python.
+# A newer Python is used only if there is no other: numba supports a new Python months later.
 _NEWEST_KNOWN = (3, 13)
 
 _TIMEOUT = 30.0
@@ -41,14 +41,14 @@ print(json.dumps([list(sys.version_info[:3]), missing, struct.calcsize("P") * 8]
 
 @dataclass(frozen=True)
 class BasePython:
-    """A Python that answered.
+    """A Python that works.
 
     Parameters
     ----------
     path : Path
     version : tuple of int
     missing : tuple of str
-        Modules that it lacks and an environment needs.
+        Modules that an environment needs and this Python does not have.
     bits : int
     """
 
@@ -59,7 +59,7 @@ class BasePython:
 
     @property
     def usable(self) -> bool:
-        """Whether geomesh can be installed with it."""
+        """Whether geomesh can be installed with this Python."""
         return self.version >= OLDEST and not self.missing and self.bits == 64
 
     def __str__(self) -> str:
@@ -70,18 +70,18 @@ class BasePython:
 
 
 def find_base_python() -> Path:
-    """Return the best Python of this computer to make an environment from.
+    """Return the best Python on this computer to create an environment from.
 
     Raises
     ------
     EnvironmentProblem
-        If there is none; the message tells what was found.
+        If there is none. The message lists what was found.
     """
     return choose(look(candidates()))
 
 
 def look(paths: Iterable[Path]) -> list[BasePython]:
-    """Return the Pythons among these paths, each program asked once."""
+    """Return the Pythons among these paths. Each program is run only once."""
     seen: set[Path] = set()
     found = []
     for path in paths:
@@ -95,12 +95,12 @@ def look(paths: Iterable[Path]) -> list[BasePython]:
 
 
 def choose(found: Iterable[BasePython]) -> Path:
-    """Return the best of these Pythons: the newest that all wheels are known to exist for.
+    """Return the best of these Pythons: the newest one for which all wheels are known to exist.
 
     Raises
     ------
     EnvironmentProblem
-        If none is usable.
+        If none of them is usable.
     """
     found = list(found)
     usable = [python for python in found if python.usable]
@@ -129,7 +129,7 @@ def _none_usable(found: list[BasePython]) -> str:
 
 
 def probe(path: Path) -> BasePython | None:
-    """Run a program and return what Python it is, or None if it is none that works."""
+    """Run a program and return which Python it is, or None if it is not a working Python."""
     try:
         done = ask([str(path), "-c", _PROBE], _TIMEOUT)
         version, missing, bits = json.loads(done.stdout.decode("utf-8", "replace"))
@@ -139,12 +139,12 @@ def probe(path: Path) -> BasePython | None:
 
 
 def candidates() -> Iterator[Path]:
-    """Yield the places where Pythons usually are; many are not there."""
+    """Yield the usual paths of Pythons. Many of them do not exist."""
     names = [f"python3.{minor}" for minor in range(_NEWEST_KNOWN[1], OLDEST[1] - 1, -1)]
     names += ["python3", "python"]
     if sys.platform == "win32":
         yield from _windows()
-    # Beside QGIS's own modules lies the Python that they were built for.
+    # The Python for which QGIS's modules were built is in a folder beside them.
     for prefix in dict.fromkeys((sys.exec_prefix, sys.base_exec_prefix, sys.base_prefix)):
         yield from _in(Path(prefix) / "bin", names)
     for name in names:
@@ -175,7 +175,7 @@ def _windows() -> Iterator[Path]:
 
 
 def _launched(launcher: str) -> Iterator[Path]:
-    """Yield what the launcher of python.org for Windows knows."""
+    """Yield the Pythons that the Windows launcher of python.org lists."""
     try:
         done = ask([launcher, "-0p"], _TIMEOUT)
     except (OSError, subprocess.SubprocessError):

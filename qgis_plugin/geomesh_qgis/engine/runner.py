@@ -1,7 +1,7 @@
-"""Run one geomesh command as a child process and hear what it tells as JSON lines. No Qt.
+"""Run a geomesh command as a child process and read its messages, which are JSON lines. No Qt.
 
-The command runs in a Python of its own: inside QGIS, the libraries that geomesh needs
-would meet QGIS's own builds of them. `geomesh/cli/console.py` describes the protocol.
+The command runs in its own Python. Inside QGIS, the libraries that geomesh needs would conflict
+with the builds of them in QGIS. `geomesh/cli/console.py` describes the protocol.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ __all__ = ["PROTOCOL", "Cancelled", "Outcome", "RunError", "clean_environment", 
 
 PROTOCOL = 1
 
-# A shorter beginning of a hidden folder's name might be that of somebody else's.
+# A shorter prefix of a hidden folder's name might match a folder of another program.
 _SHORTEST_PREFIX = 8
 
 
 class RunError(Exception):
-    """A command failed; its text is one line.
+    """A command failed. The text of the error is one line.
 
     Parameters
     ----------
     code : str
-        geomesh's own word for what went wrong, or "environment" (it could not be
-        started), "protocol" (it speaks another one) or "crash".
+        Error code from geomesh, or "environment" (the command could not be started),
+        "protocol" (it uses another protocol) or "crash".
     message : str
     details : tuple of str
-        The last lines that it wrote on standard error.
+        The last lines that the command wrote to standard error.
     """
 
     def __init__(self, code: str, message: str, details: tuple[str, ...] = ()) -> None:
@@ -51,14 +51,14 @@ class RunError(Exception):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command made.
+    """The result of a command.
 
     Parameters
     ----------
     outputs : tuple of str
-        Paths of the files.
+        Paths of the output files.
     figures : dict
-        Numbers that tell about them, such as "triangles".
+        Numbers about the outputs, such as "triangles".
     """
 
     outputs: tuple[str, ...]
@@ -73,31 +73,31 @@ def run(
     cancelled: Callable[[], bool],
     places: Sequence[Path] = (),
 ) -> Outcome:
-    """Run a geomesh command and return what it made.
+    """Run a geomesh command and return its result.
 
-    All callables are called from the thread that calls this function. An exception that
-    one of them raises ends the command, and is passed on.
+    All callables are called in the thread that calls this function. If one of them raises an
+    exception, the command is ended and the exception is raised here.
 
     Parameters
     ----------
     command : sequence of str
-        Complete, with `--progress jsonl --until-eof`.
+        The complete command, with `--progress jsonl --until-eof`.
     progress : callable
-        Gets a fraction (0..1) and a message.
+        Receives a fraction (0..1) and a message.
     warn : callable
-        Gets what the user should know.
+        Receives messages that the user should read.
     cancelled : callable
-        Whether to stop; asked every 0.1 s.
+        Returns whether to stop. It is called every 0.1 s.
     places : sequence of Path
-        Folders of the outputs: what a command that had to be killed has left there
-        unfinished is removed.
+        Folders of the outputs. If the command had to be killed, its unfinished files there are
+        removed.
 
     Raises
     ------
     Cancelled
-        If it was stopped by `cancelled`, and made nothing.
+        If `cancelled` returned True before the command made its result.
     RunError
-        If it failed.
+        If the command failed.
     """
     heard = _Heard()
     try:
@@ -110,7 +110,7 @@ def run(
                 _hear(heard, _parse(line), progress, warn)
         except Cancelled:
             child.stop()
-            # The result may have been on its way.
+            # The result may already be in the pipe.
             for line in child.rest():
                 _hear(heard, _parse(line), _ignore, _ignore)
             if not heard.finished:
@@ -130,7 +130,7 @@ def run(
 
 @dataclass
 class _Heard:
-    """What a command has told so far."""
+    """The messages that a command has sent so far."""
 
     unfinished: str = ""
     starts: int = 0
@@ -141,7 +141,7 @@ class _Heard:
 
     @property
     def conclusive(self) -> bool:
-        """Whether it told how everything that it started has ended."""
+        """Whether it reported the end of everything that it started."""
         return self.results + len(self.errors) >= max(self.starts, 1)
 
     @property
@@ -150,7 +150,7 @@ class _Heard:
 
 
 def _parse(line: str) -> Mapping[str, Any]:
-    """Return the event of a line; libraries may print other things, which are none."""
+    """Return the event of a line. Libraries may print other lines, which contain no event."""
     try:
         event = json.loads(line)
     except (ValueError, RecursionError):
@@ -216,12 +216,12 @@ def _crashed(code: int | None, errors: Sequence[str]) -> str:
 
 
 def describe_end(code: int | None) -> str:
-    """Return in words how a process ended.
+    """Return a description of how a process ended.
 
     Parameters
     ----------
     code : int or None
-        As `subprocess` gives it: negative for a signal.
+        Exit code as in `subprocess`: negative for a signal.
     """
     if code is None:
         return "it does not respond"
@@ -230,12 +230,12 @@ def describe_end(code: int | None) -> str:
             return signal.Signals(-code).name
         except ValueError:
             return f"signal {-code}"
-    # Windows tells a crash by a large number, known by its hexadecimal form.
+    # On Windows, the exit code of a crash is a large number, usually written as hexadecimal.
     return f"exit code {hex(code)}" if code > 0xFFFF else f"exit code {code}"
 
 
 def _folder_prefix(value: object) -> str:
-    """Return how the names of unfinished folders begin, if no other file could be meant."""
+    """Return the prefix of unfinished folders' names, if it cannot match any other file."""
     if not isinstance(value, str) or len(value) < _SHORTEST_PREFIX or not value.startswith("."):
         return ""
     return "" if set(value) & set("/\\*?[]") else value
@@ -248,8 +248,8 @@ def _sweep(places: Iterable[Path], prefix: str) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
                 if not folder.exists():
                     break
-                time.sleep(0.1)  # Windows lets go of a killed process's files a little later
+                time.sleep(0.1)  # Windows locks the files of a killed process for a moment
 
 
 def _ignore(*_: Any) -> None:
-    """Take what no one asked for."""
+    """Do nothing: the value is not needed."""

@@ -1,4 +1,4 @@
-"""Try a geomesh out: any answers, but only a mesh shows that its libraries work. No Qt."""
+"""Test a geomesh by making a mesh, because its version does not show that it works. No Qt."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lam
     Raises
     ------
     Cancelled
-        If it was stopped.
+        If the test was cancelled.
     EnvironmentProblem
-        If there is no mesh, or geomesh does not understand coordinate systems.
+        If there is no mesh, or if geomesh cannot use coordinate reference systems.
     """
     warnings: list[str] = []
     with tempfile.TemporaryDirectory(prefix="geomesh-test-") as folder:
@@ -59,7 +59,7 @@ def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lam
 
 
 def write_test_raster(folder: Path) -> Path:
-    """Write a georeferenced image of 48 x 48 pixels that has features to find."""
+    """Write a georeferenced image of 48 x 48 pixels that contains features."""
     size = 48
 
     def pixel(row: int, col: int) -> int:

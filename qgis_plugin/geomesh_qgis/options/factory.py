@@ -1,4 +1,4 @@
-"""What QGIS asks for the page Settings > Options > geomesh."""
+"""The factory with which QGIS creates the page Settings > Options > geomesh."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _ICON = Path(__file__).parent.parent / "icon.svg"
 
 
 class OptionsFactory(QgsOptionsWidgetFactory):
-    """Makes the page whenever the options are opened."""
+    """Creates the page each time the options dialog is opened."""
 
     def __init__(self) -> None:
         super().__init__("geomesh", QIcon(str(_ICON)))
 
     def createWidget(self, parent: QWidget | None) -> QgsOptionsPageWidget:
-        """Make the page."""
+        """Create the page."""
         return OptionsPage(parent)

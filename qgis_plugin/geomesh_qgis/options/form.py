@@ -1,4 +1,4 @@
-"""What the options page looks like; what it does is in `options.py`."""
+"""The widgets of the options page. What they do is in `page.py`."""
 
 from __future__ import annotations
 
@@ -85,13 +85,13 @@ class OptionsForm(QWidget):
         return box
 
     def show_survey(self, survey: Survey, folder: Path) -> None:
-        """Show what there is.
+        """Show what is installed.
 
         Parameters
         ----------
         survey : Survey
         folder : Path
-            Of the plugin's own environment.
+            Folder of the plugin's own environment.
         """
         used = survey.used
         self.version.setText(used.version if used else survey.problem.replace(f" in {OPTIONS}", ""))
@@ -109,16 +109,16 @@ class OptionsForm(QWidget):
         )
 
     def show_work(self, survey: Survey | None, *, busy: bool, long: bool = False) -> None:
-        """Offer what can be done now.
+        """Enable the buttons that can be used now.
 
         Parameters
         ----------
         survey : Survey or None
-            None if it is not known what there is.
+            None if it is not known yet what is installed.
         busy : bool
-            Whether work is under way.
+            Whether work is running.
         long : bool
-            Whether it is worth a progress bar.
+            Whether the work is long enough for a progress bar.
         """
         idle = survey is not None and not busy
         self.verify.setEnabled(idle and survey.used is not None)
@@ -132,7 +132,7 @@ class OptionsForm(QWidget):
 
 
 def managed_text(survey: Survey, folder: Path) -> str:
-    """Return what to say about the plugin's own environment."""
+    """Return the text about the plugin's own environment."""
     if survey.managed_version:
         return f"geomesh {survey.managed_version} in {folder}"
     if survey.managed:
@@ -149,7 +149,7 @@ def managed_text(survey: Survey, folder: Path) -> str:
 
 
 def install_text(survey: Survey) -> str:
-    """Return what the button that installs is called."""
+    """Return the text of the install button."""
     if not survey.managed:
         return "Install geomesh"
     if survey.managed_version and order(survey.managed_version) < order(survey.offered):
@@ -161,10 +161,10 @@ def _label(name: str) -> QLabel:
     label = QLabel()
     label.setObjectName(name)
     label.setWordWrap(True)
-    # A path or a message of pip is no HTML.
+    # Plain text, because paths and messages of pip are not HTML.
     label.setTextFormat(Qt.TextFormat.PlainText)
     label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    # A long path would else make the whole window as wide as itself.
+    # Without this, a long path would make the whole window as wide as the path.
     policy = label.sizePolicy()
     policy.setHorizontalPolicy(QSizePolicy.Policy.Ignored)
     label.setSizePolicy(policy)

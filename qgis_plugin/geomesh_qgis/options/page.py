@@ -1,4 +1,4 @@
-"""The page Settings > Options > geomesh: which geomesh is used, and one made by the plugin."""
+"""The page Settings > Options > geomesh: choose the geomesh that is used, or install one."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 LOOKING = "Looking for geomesh"
 
-# A path is tried out when its typing has come to an end.
+# The delay before a path is checked, so that the user can finish typing.
 _TYPING_MS = 600
 
 
 class OptionsPage(QgsOptionsPageWidget):
-    """Shows what there is, and lets the user choose, install, verify and remove.
+    """Shows what is installed. The user can choose, install, verify and remove geomesh.
 
-    One task does the work at a time. It goes on if the window is closed, and a page that is
-    opened meanwhile shows it.
+    Only one task runs at a time. It continues if the window is closed. If the page is opened
+    again meanwhile, it shows this task.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -42,7 +42,7 @@ class OptionsPage(QgsOptionsPageWidget):
         self._form = form = OptionsForm()
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        # The texts are as high as they need to be; what does not fit can be scrolled to.
+        # The texts are as high as necessary. If the page does not fit, the user can scroll.
         area = QgsScrollArea()
         area.setFrameShape(QFrame.Shape.NoFrame)
         area.setWidgetResizable(True)
@@ -65,14 +65,14 @@ class OptionsPage(QgsOptionsPageWidget):
             self._follow(under_way)
 
     def apply(self) -> None:
-        """Keep the choice."""
+        """Save the choice of the user."""
         set_python_setting(self._form.file.filePath())
 
     def _restart_typing(self, _path: str) -> None:
         self._typing.start()
 
     def _look(self) -> None:
-        """Find out what there is; if work is under way, that ends with a look."""
+        """Find out what is installed. If work is running, this happens when it ends."""
         if self._work is None:
             chosen, managed = self._form.file.filePath(), managed_folder()
             self._looked_for = chosen
@@ -119,7 +119,7 @@ class OptionsPage(QgsOptionsPageWidget):
         work.start(begun)
 
     def _follow(self, begun: work.Work) -> None:
-        """Show how this work goes on."""
+        """Show the progress of this work."""
         self._work = begun
         begun.advanced.connect(self._advance)
         begun.ended.connect(self._end)
@@ -146,7 +146,7 @@ class OptionsPage(QgsOptionsPageWidget):
             if self._survey is not None:
                 self._form.show_survey(self._survey, managed_folder())
             if self._form.file.filePath() != self._looked_for:
-                self._look()  # something else was typed meanwhile
+                self._look()  # the user typed another path meanwhile
         else:
             self._form.status.setText(_outcome(ended))
             for line in getattr(ended.error, "details", ()):
@@ -160,7 +160,7 @@ class OptionsPage(QgsOptionsPageWidget):
 
 
 def _overruled(chosen: str, managed: Path) -> str:
-    """Return what to add if something else than the plugin's own environment is used."""
+    """Return a text that says if something other than the plugin's own environment is used."""
     try:
         used = find(chosen, managed)
     except EnvironmentProblem as problem:

@@ -1,4 +1,4 @@
-"""Long work beside the window: one function in a background task of QGIS."""
+"""Long work in the background: a task of QGIS that runs one function."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ LOG = "geomesh"
 
 
 class Work(QgsTask):
-    """Run a function in a thread; its signals arrive in the thread of the window.
+    """Run a function in a thread. Its signals arrive in the thread of the window.
 
     Parameters
     ----------
     title : str
-        What QGIS shows in its list of tasks.
+        Title in QGIS's list of tasks.
     job : callable
-        Gets a callable to report progress to (0..1, message), and one that tells whether to stop.
+        Receives two callables: one to report progress (0..1, message), and one that returns
+        whether to stop.
 
     Attributes
     ----------
     result : Any
-        What the function returned.
+        Return value of the function.
     error : Exception or None
-        What it raised; `Cancelled` also if it never began.
+        Exception that it raised. `Cancelled` also if it never started.
     """
 
     advanced = pyqtSignal(float, str)
@@ -46,7 +47,7 @@ class Work(QgsTask):
         self._job = job
 
     def run(self) -> bool:
-        """Do the work, in the thread."""
+        """Run the function, in the thread of the task."""
         try:
             self.result = self._job(self._report, self.isCanceled)
             self.error = None
@@ -55,10 +56,10 @@ class Work(QgsTask):
         return self.error is None
 
     def finished(self, result: bool) -> None:
-        """Tell that it is over, in the thread of the window."""
+        """Report the end of the work, in the thread of the window."""
         _running.remove(self)
         if self.error is not None and not isinstance(self.error, Cancelled):
-            # Whoever has closed the window meanwhile finds it here.
+            # The user may have closed the window, but can read the error in the log.
             QgsMessageLog.logMessage(f"{self.title}: {self.error}", LOG, Qgis.MessageLevel.Warning)
         self.ended.emit()
 
@@ -67,16 +68,16 @@ class Work(QgsTask):
         self.advanced.emit(fraction, message)
 
 
-# QGIS owns a task, but does not keep the Python half of it alive.
+# QGIS keeps the C++ object of a task, but not its Python object. This list keeps that one.
 _running: list[Work] = []
 
 
 def start(work: Work) -> None:
-    """Begin, unless QGIS has other tasks to do first."""
+    """Start the work. QGIS may run other tasks before it."""
     _running.append(work)
     QgsApplication.taskManager().addTask(work)
 
 
 def running() -> Work | None:
-    """Return the work that is under way, which outlives the window that began it."""
+    """Return the running work. It continues after the window that started it is closed."""
     return _running[-1] if _running else None

@@ -1,4 +1,4 @@
-"""What a user does: add a raster, press the button, Run, look at the map. Runs inside QGIS."""
+"""The actions of a user: add a raster, press the button, Run, look at the map. Runs in QGIS."""
 
 import os
 import sys
@@ -76,7 +76,7 @@ def steps(driver):
     yield canvas_is_still()
     report["enabled_with_raster"] = action.isEnabled()
 
-    # Through a timer: the action returns when its dialog has been closed.
+    # A timer triggers the action, because it returns only after its dialog is closed.
     QTimer.singleShot(0, action.trigger)
     dialog = yield processing_dialog
     dialog.setGeometry(140, 80, 1000, 640)
@@ -108,5 +108,5 @@ def steps(driver):
     driver.picture(PICTURES / "qgis_map_near.png", window)
 
 
-# QGIS forgets the names of a script at its end; the driver has to stay.
+# QGIS deletes the variables of a script at its end. This keeps the driver.
 qgis.utils.geomesh_test = Driver(steps)

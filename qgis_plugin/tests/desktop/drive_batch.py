@@ -42,5 +42,5 @@ def steps(driver):
     }
 
 
-# QGIS forgets the names of a script at its end; the driver has to stay.
+# QGIS deletes the variables of a script at its end. This keeps the driver.
 qgis.utils.geomesh_test = Driver(steps, timeout=120)

@@ -1,4 +1,4 @@
-"""What a new user does: press Install geomesh, wait, Verify, mesh a raster. Runs inside QGIS."""
+"""The actions of a new user: Install geomesh, wait, Verify, mesh a raster. Runs inside QGIS."""
 
 import os
 import sys
@@ -68,5 +68,5 @@ def steps(driver):
     yield lambda: processing_dialog() is None
 
 
-# QGIS forgets the names of a script at its end; the driver has to stay.
+# QGIS deletes the variables of a script at its end. This keeps the driver.
 qgis.utils.geomesh_test = Driver(steps, timeout=500)

@@ -1,4 +1,4 @@
-"""Start a long mesh and wait to be killed. Runs inside QGIS."""
+"""Start a long run and wait until the test kills QGIS. Runs inside QGIS."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""What a script inside QGIS needs: steps that wait without blocking, a report, an end in time."""
+"""Helpers for scripts inside QGIS: steps that wait without blocking, a report, a timeout."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ POLL = 100  # ms
 class Driver:
     """Runs a generator of steps from QGIS's event loop.
 
-    The generator yields functions. It goes on when one of them has given something true, and
-    gets that. A dialog may have an event loop of its own: the timer ticks in that one too.
+    The generator yields functions. The driver calls a function until it returns a true value.
+    It then sends that value to the generator. A dialog may run its own event loop: the timer
+    works there too.
     """
 
     def __init__(self, steps: Callable[[Driver], Generator], timeout: float = 90) -> None:
@@ -36,13 +37,13 @@ class Driver:
         self._awaited: Callable[[], object] | None = None
         self._since = time.monotonic()
         self._busy = False
-        sys.excepthook = self._note_exception  # else QGIS shows a window
+        sys.excepthook = self._note_exception  # without this, QGIS shows a window
         self._timer = QTimer()
         self._timer.timeout.connect(self._tick)
         self._timer.start(POLL)
 
     def picture(self, path: Path, widget: QWidget | None = None) -> None:
-        """Save what the screen shows, or one window."""
+        """Save a screenshot of the screen or of one window."""
         image = widget.grab() if widget else QApplication.primaryScreen().grabWindow(0)
         path.parent.mkdir(parents=True, exist_ok=True)
         image.save(str(path))
@@ -51,7 +52,7 @@ class Driver:
         self.report["exceptions"].append("".join(traceback.format_exception(kind, error, trace)))
 
     def _tick(self) -> None:
-        if self._busy:  # a step has opened a dialog, and this is the event loop of that
+        if self._busy:  # a step has opened a dialog, whose event loop calls this
             return
         self._busy = True
         try:
@@ -72,7 +73,7 @@ class Driver:
             self._busy = False
 
     def _refuse_boxes(self) -> None:
-        """Note a message box and give up: no one is there to read it."""
+        """Report a message box and stop: nobody can close it."""
         for window in QApplication.topLevelWidgets():
             if isinstance(window, QMessageBox) and window.isVisible():
                 self.report["boxes"].append(window.text())
@@ -86,13 +87,13 @@ class Driver:
             self.picture(path.with_name("failure.png"))
         path.write_text(json.dumps(self.report, indent=1, default=str))
         if self.report["failure"]:
-            os._exit(1)  # the event loop of an open dialog would hold up any other way out
-        QgsProject.instance().clear()  # else QGIS asks about what is not saved
+            os._exit(1)  # the event loop of an open dialog would block a normal exit
+        QgsProject.instance().clear()  # without this, QGIS asks about unsaved changes
         QTimer.singleShot(0, iface.actionExit().trigger)
 
 
 def processing_dialog() -> QgsProcessingAlgorithmDialogBase | None:
-    """The dialog of an algorithm that is open."""
+    """Return the open dialog of an algorithm."""
     for window in QApplication.topLevelWidgets():
         if isinstance(window, QgsProcessingAlgorithmDialogBase) and window.isVisible():
             return window
@@ -100,7 +101,7 @@ def processing_dialog() -> QgsProcessingAlgorithmDialogBase | None:
 
 
 def press_run(dialog: QgsProcessingAlgorithmDialogBase) -> Generator:
-    """Press Run and wait for the end: steps that give (successful, results)."""
+    """Press Run and wait for the end. These steps return (successful, results)."""
     ended = []
     dialog.algorithmFinished.connect(
         lambda successful, results: ended.append((successful, results))
@@ -111,7 +112,7 @@ def press_run(dialog: QgsProcessingAlgorithmDialogBase) -> Generator:
 
 
 def options_page() -> QWidget | None:
-    """The options page of the plugin, if it is open."""
+    """Return the options page of the plugin, if it is open."""
     pages = (
         window.findChild(QWidget, "geomeshOptions") for window in QApplication.topLevelWidgets()
     )
@@ -119,7 +120,7 @@ def options_page() -> QWidget | None:
 
 
 def canvas_is_still() -> Callable[[], bool]:
-    """A function that tells whether the map has been drawn for half a second."""
+    """Return a function that tells whether the map has not been drawing for half a second."""
     canvas = iface.mapCanvas()
     canvas.refresh()
     busy = time.monotonic()

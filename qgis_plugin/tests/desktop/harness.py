@@ -1,4 +1,4 @@
-"""Start the real QGIS, with its windows, on a screen of its own."""
+"""Start the real QGIS, with its windows, on a virtual screen."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 1280, 800
 
-# A profile that has seen QGIS before: no greeting, no tip of the day, no news from the network.
+# A profile that is not new: QGIS shows no welcome, no tip of the day and no news from the network.
 PROFILE = """
 [PythonPlugins]
 geomesh_qgis=true
@@ -53,7 +53,7 @@ settings=true
 
 @contextlib.contextmanager
 def screen(width: int = WIDTH, height: int = HEIGHT) -> Iterator[str]:
-    """Start Xvfb on a display that is free; give the value of DISPLAY."""
+    """Start Xvfb on a free display; yield the value of DISPLAY."""
     reading, writing = os.pipe()
     geometry = f"{width}x{height}x24"
     try:
@@ -69,7 +69,7 @@ def screen(width: int = WIDTH, height: int = HEIGHT) -> Iterator[str]:
     finally:
         os.close(writing)
     try:
-        # It tells its number when it is ready, or closes the pipe without a word.
+        # Xvfb writes its number when it is ready. If it fails, it only closes the pipe.
         with os.fdopen(reading) as pipe:
             number = pipe.readline().strip()
         assert number, "Xvfb did not start"
@@ -80,8 +80,8 @@ def screen(width: int = WIDTH, height: int = HEIGHT) -> Iterator[str]:
 
 
 def make_profile(folder: Path) -> Path:
-    """Write the settings of a profile; give what --profiles-path has to be."""
-    # QGIS 4 has another name for the same file.
+    """Write the settings of a profile; return the value for --profiles-path."""
+    # QGIS 4 uses another name for the same file.
     for name in ("QGIS3.ini", "QGIS4.ini"):
         settings = folder / "profiles/default/QGIS" / name
         settings.parent.mkdir(parents=True, exist_ok=True)
@@ -91,16 +91,16 @@ def make_profile(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def desktop(script: str, folder: Path, plugins: Path = PLUGINS, **variables: object):
-    """Start QGIS on a screen, let it run a script of this folder, and give the process.
+    """Start QGIS on a screen with a script of this folder, and yield the process.
 
-    Whatever happens, QGIS and its screen have ended afterwards.
+    At the end, QGIS and its screen are always ended, even after an error.
 
     Parameters
     ----------
     script
-        Name of a file beside this one; it runs inside QGIS.
+        Name of a file beside this one. It runs inside QGIS.
     folder
-        Gets the profile, the log `qgis.log` and what the script writes.
+        Folder for the profile, the log `qgis.log` and the files that the script writes.
     variables
         Environment variables for the script.
     """
@@ -149,7 +149,7 @@ def desktop(script: str, folder: Path, plugins: Path = PLUGINS, **variables: obj
 
 
 def run_desktop(script: str, folder: Path, timeout: float, **variables: object) -> dict:
-    """Run a script in QGIS to its end; give what it saw, with the exit code as "exit"."""
+    """Run a script in QGIS until its end; return its report, with the exit code as "exit"."""
     report = folder / "report.json"
     with desktop(script, folder, GEOMESH_TEST_REPORT=report, **variables) as process:
         try:

@@ -14,7 +14,7 @@ from qgis.PyQt.QtGui import QImage
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory, olinda, geomesh_python):
-    """What a run of drive.py saw. Its pictures go to GEOMESH_SCREENSHOTS, if that is set."""
+    """The report of a run of drive.py. Screenshots go to GEOMESH_SCREENSHOTS, if it is set."""
     folder = tmp_path_factory.mktemp("desktop")
     pictures = Path(os.environ.get("GEOMESH_SCREENSHOTS", folder / "pictures")).resolve()
     report = run_desktop(
@@ -46,7 +46,7 @@ def test_button_is_there_and_knows_when_it_can_work(seen):
 
 
 def test_run_gives_layers(seen):
-    # "Create - Raster to Mesh" in newer ones.
+    # Newer versions of QGIS show "Create - Raster to Mesh".
     assert seen["dialog"].lower().endswith("raster to mesh")
     assert seen["successful"], seen["log"]
     assert seen["messages"] == []
@@ -57,7 +57,7 @@ def test_run_gives_layers(seen):
 
 
 def test_layers_have_their_style(seen):
-    # The desktop loads results another way than processing.run does.
+    # The desktop loads results in a different way than processing.run.
     (triangles,) = (layer for layer in seen["layers"] if "n0" in layer.get("fields", ()))
     (nodes,) = (layer for layer in seen["layers"] if "scale" in layer.get("fields", ()))
     assert 'name="fillColor"' in triangles["style"]
@@ -73,7 +73,7 @@ def test_picture_shows_something(seen, name):
 
 
 def find_children(pid: int) -> list[int]:
-    """The processes that descend from one."""
+    """Return the child processes of a process, and their children."""
     parents = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -118,7 +118,7 @@ def wait_for(condition, seconds):
 def test_geomesh_ends_when_qgis_is_killed(tmp_path, olinda, geomesh_python):
     from osgeo import gdal
 
-    # Long enough to be caught at work: the same scene, 40 times as many pixels on a side.
+    # The run must be long: the same scene, with 40 times as many pixels on each side.
     large = tmp_path / "large.tif"
     gdal.Translate(
         str(large),
@@ -146,7 +146,7 @@ def test_geomesh_ends_when_qgis_is_killed(tmp_path, olinda, geomesh_python):
         at_work = list(filter(is_geomesh, find_children(process.pid)))
         log = (tmp_path / "desktop/qgis.log").read_text(errors="replace")[-3000:]
         assert at_work, log
-        time.sleep(5)  # so that it has started to work
+        time.sleep(5)  # time to start the work
         at_work = list(filter(is_geomesh, find_children(process.pid)))
         assert at_work, "geomesh ended too soon for this test"
         os.kill(process.pid, signal.SIGKILL)

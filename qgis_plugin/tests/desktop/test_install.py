@@ -1,4 +1,4 @@
-"""From the zip to the first mesh in the real QGIS, by the buttons a new user presses."""
+"""From the zip to the first mesh in the real QGIS, with the buttons that a new user presses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from support import build
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory, olinda, geomesh_python):
-    """What a run of drive_install.py saw: the packages come from the index."""
+    """The report of a run of drive_install.py. It downloads the packages from the index."""
     folder = tmp_path_factory.mktemp("install")
     pictures = Path(os.environ.get("GEOMESH_SCREENSHOTS", folder / "pictures")).resolve()
     zipped, _ = build(geomesh_python, folder / "dist")
