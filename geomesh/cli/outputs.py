@@ -22,10 +22,13 @@ def protect_inputs(outputs: Iterable[str | Path], inputs: Iterable[str | None]) 
     ------
     OutputError
     """
-    read = [path for path in inputs if path is not None]
-    for output in outputs:
-        for path in read:
-            if any(_is_same_file(file, output) for file in _files(path)):
+    # One look at each file, not at each pair: a batch may have thousands.
+    written = {_identity(output): output for output in outputs}
+    written.pop(None, None)
+    for path in inputs:
+        for file in _files(path) if path is not None else ():
+            output = written.get(_identity(file))
+            if output is not None:
                 raise OutputError(f"{output} is the input {path}; choose another name")
 
 
@@ -35,8 +38,10 @@ def _files(path: str) -> list[str]:
     return [path, match[1] or match[2]] if match else [path]
 
 
-def _is_same_file(path: str, output: str | Path) -> bool:
+def _identity(path: str | Path) -> tuple[int, int] | None:
+    """Return the device and the number of a file, the same for all its names; None if absent."""
     try:
-        return Path(output).samefile(path)
-    except OSError:  # one of them does not exist
-        return False
+        status = Path(path).stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino

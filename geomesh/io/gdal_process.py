@@ -21,6 +21,10 @@ from geomesh.parallel.processes import Process, ProcessPool, send
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+# Files are written under temporary names and flushed when they are complete. So SQLite need not
+# wait for the disk after each of its dozens of transactions.
+_CONFIG = {"OGR_SQLITE_SYNCHRONOUS": "OFF"}
+
 
 class WriterPool(ProcessPool):
     """A pool of processes that wait for layers to write.
@@ -76,17 +80,19 @@ def _write(
 def load_pyogrio() -> None:
     """Import pyogrio without pandas and geopandas, whose import takes half a second.
 
-    Only for processes of commands that need neither: afterwards pyogrio.read_dataframe does
-    not work. If pyogrio has been imported already, nothing changes.
+    Only for processes of geomesh itself that need neither: afterwards pyogrio.read_dataframe
+    does not work, and GeoPackages are not flushed by GDAL. If pyogrio has been imported already,
+    it can still read data frames.
     """
     unneeded = [name for name in ("pandas", "geopandas") if name not in sys.modules]
     for name in unneeded:
         sys.modules[name] = None  # type: ignore[assignment]
     try:
-        import pyogrio  # noqa: F401
+        import pyogrio
     finally:
         for name in unneeded:
             del sys.modules[name]
+    pyogrio.set_gdal_config_options(_CONFIG)
 
 
 def write_arrow(rows: Any, options: Mapping[str, Any]) -> None:

@@ -8,7 +8,6 @@ and then the main process meshes it on all workers. Results are in the order of 
 from __future__ import annotations
 
 import pickle
-import threading
 import warnings
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -96,7 +95,6 @@ class Batch:
         self._has_mask = any(job.reading.get("mask") is not None for job in jobs)
         self._tasks: deque[_Task] = deque()
         self._threads = ThreadPoolExecutor(pool.count if pool else 1, "geomesh-batch")
-        self._first_done = threading.Event()
 
     def mesh(self, job: MeshJob, progress: Progress) -> MeshSummary:
         """Return the summary of the next job, which must be `job`; raise its error, if any."""
@@ -107,7 +105,6 @@ class Batch:
             wait([task.future], timeout=POLL)
             if task.latest is not None:
                 progress(*task.latest)
-        self._first_done.set()
         summary = task.future.result().get()
         if summary is None:
             return self._mesh_here(job, progress)
@@ -116,9 +113,7 @@ class Batch:
 
     def _next_task(self) -> _Task:
         assert self._pool is not None
-        # The first job runs alone: it compiles the kernels, if needed, for all processes.
-        room = _AHEAD * self._pool.count if self._first_done.is_set() else 1
-        while self._waiting and len(self._tasks) < room:
+        while self._waiting and len(self._tasks) < _AHEAD * self._pool.count:
             task, job = _Task(), self._waiting.popleft()
             task.future = self._threads.submit(_run, self._pool, job, task)
             self._tasks.append(task)
