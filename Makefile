@@ -119,10 +119,11 @@ $(QGIS_VENV)/.installed: qgis_plugin/requirements-test.txt | qgis-is-there
 	@touch $@
 
 # The tests have their own profile and runtime folder. They do not read or change yours.
+# The Python inside QGIS takes its library from the first python3 on the PATH.
 test-qgis: qgis-is-there $(BIN)/.installed $(QGIS_VENV)/.installed
 	@rm -rf qgis_plugin/.qgis-settings
 	@runtime=$$(mktemp -d) && trap 'rm -rf "$$runtime"' EXIT && \
-	XDG_RUNTIME_DIR="$$runtime" QT_QPA_PLATFORM=offscreen \
+	PATH="$(dir $(QGIS_PYTHON)):$$PATH" XDG_RUNTIME_DIR="$$runtime" QT_QPA_PLATFORM=offscreen \
 	GEOMESH_PYTHON="$(abspath $(BIN))/python" \
 	$(QGIS_VENV)/bin/python -m pytest -c qgis_plugin/pytest.ini qgis_plugin/tests
 

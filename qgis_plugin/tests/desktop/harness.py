@@ -119,8 +119,6 @@ def desktop(script: str, folder: Path, plugins: Path = PLUGINS, **variables: obj
         }
         environment.update(
             DISPLAY=display,
-            # The Python inside QGIS takes its library from the first python3 on the PATH.
-            PATH=os.pathsep.join(["/usr/bin", os.environ.get("PATH", os.defpath)]),
             HOME=str(home),
             TMPDIR=str(temporary),
             XDG_RUNTIME_DIR=runtime,
