@@ -108,6 +108,7 @@ def mesh_raster(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    mask_layer: str | None = None,
     name: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -131,9 +132,14 @@ def mesh_raster(
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
-        Box in map coordinates to crop to.
-    mask : path, GeoDataFrame or GeoSeries, optional
-        Polygons of the area of interest. Pixels outside are ignored.
+        Box in map coordinates: the pixels whose centre is in it are used. In longitude and
+        latitude, west may be greater than east, across the antimeridian.
+    mask : path, GeoDataFrame, GeoSeries, shapely geometry, GeoJSON mapping or WKT, optional
+        Polygons of the area of interest, in any CRS: the pixels whose centre is in one are used.
+        A geometry without a CRS is in the raster's coordinates; a GeoJSON mapping is in
+        longitude and latitude.
+    mask_layer : str, optional
+        The layer to use, if `mask` is a file with several.
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
     workers : int, optional
@@ -169,7 +175,14 @@ def mesh_raster(
 
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
     scene = open_scene(
-        source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask, name=name
+        source,
+        bidx=bidx,
+        nodata=nodata,
+        crs=crs,
+        bounds=bounds,
+        mask=mask,
+        mask_layer=mask_layer,
+        name=name,
     )
     with reporting(progress) as report, open_workers(workers, executor) as pool:
         return Mesh.of(mesh_scene(scene, recipe, pool, report))
@@ -208,6 +221,7 @@ def stages(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    mask_layer: str | None = None,
     progress: bool | Progress = False,
     **values: Any,
 ) -> Stages:
@@ -218,7 +232,7 @@ def stages(
 
     Parameters
     ----------
-    source, preset, recipe, bidx, nodata, crs, bounds, mask, progress
+    source, preset, recipe, bidx, nodata, crs, bounds, mask, mask_layer, progress
         As in `mesh_raster`.
     **values
         Parameters of the recipe to change, such as ``canny_low=50``.
@@ -238,6 +252,14 @@ def stages(
     from geomesh.view.stages import run_stages
 
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
-    scene = open_scene(source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask)
+    scene = open_scene(
+        source,
+        bidx=bidx,
+        nodata=nodata,
+        crs=crs,
+        bounds=bounds,
+        mask=mask,
+        mask_layer=mask_layer,
+    )
     with reporting(progress) as report:
         return run_stages(scene, recipe, report)

@@ -157,7 +157,7 @@ def source_of(scene: Scene) -> SourceRaster:
             for name, band in zip(names, scene.bands, strict=True)
         ),
         nodata=scene.nodata,
-        area=scene.area.wkt if scene.area is not None else None,
+        area=scene.area.to_text() if scene.area is not None else None,
     )
 
 

@@ -42,6 +42,7 @@ def open_scene(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    mask_layer: str | None = None,
     name: str | None = None,
 ) -> Scene:
     """Open a source and return it as a Scene. No pixel is read yet.
@@ -59,10 +60,14 @@ def open_scene(
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
-        Box in map coordinates to crop to. All rows and columns that it touches are kept.
-        On a rotated grid, the pixels whose centre is in the box are kept.
-    mask : path, GeoDataFrame or GeoSeries, optional
-        Polygons of the area of interest. They are reprojected to the CRS of the raster.
+        Box in map coordinates. The pixels whose centre is in the box are kept. In longitude and
+        latitude, west may be greater than east: then the box crosses the antimeridian.
+    mask : path, GeoDataFrame, GeoSeries, shapely geometry, GeoJSON mapping or WKT, optional
+        Polygons of the area of interest, in any CRS. The pixels whose centre is in a polygon
+        are kept. A geometry without a CRS is in the coordinates of the raster; a GeoJSON
+        mapping is in longitude and latitude.
+    mask_layer : str, optional
+        The layer to use, if `mask` is a file with several.
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
 
@@ -100,8 +105,10 @@ def open_scene(
         )
     if nodata is not None:
         scene = replace(scene, nodata=float(nodata))
+    if mask_layer is not None and mask is None:
+        raise SourceError("`mask_layer` chooses a layer of `mask`, which is not given")
     if bounds is not None or mask is not None:
-        scene = restrict(scene, bounds=bounds, mask=mask)
+        scene = restrict(scene, bounds=bounds, mask=mask, mask_layer=mask_layer)
     return scene
 
 

@@ -10,7 +10,6 @@ from uuid import uuid4
 
 import numpy as np
 import rasterio
-from affine import Affine
 from numpy.typing import NDArray
 from rasterio.enums import MaskFlags
 from rasterio.errors import RasterioError
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from geomesh.raster.grid import Grid, Window
+    from geomesh.raster.pixel_mask import PixelMask
 
 Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
 
@@ -97,10 +97,8 @@ class Scene:
         Width and height of the whole raster.
     nodata : float or None
         Used instead of the file's own nodata value.
-    area : shapely geometry or None
-        Area of interest, in pixel-edge coordinates of the file. Pixels whose centre is
-        outside are invalid. Its coordinates are rounded to the lattice of nodes, so that a
-        pixel is inside or outside for every window.
+    area : PixelMask or None
+        Area of interest. Pixels outside are invalid.
     notes : tuple of str
         Notes about the georeference, for the user.
     reading : str
@@ -115,7 +113,7 @@ class Scene:
     source: str | BorrowedDataset | Excerpt
     size: tuple[int, int]
     nodata: float | None = None
-    area: Any = None
+    area: PixelMask | None = None
     notes: tuple[str, ...] = ()
     reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
 
@@ -222,27 +220,18 @@ class Scene:
         if bands.dtype.kind == "f":
             valid &= np.isfinite(bands).all(axis=0)
         if self.area is not None:
-            from rasterio.features import geometry_mask
-
-            height, width = valid.shape
-            scale = window.width / width, window.height / height
-            to_file = Affine(scale[0], 0, window.col, 0, scale[1], window.row)
-            valid &= geometry_mask([self.area], valid.shape, to_file, invert=True)
+            valid &= self.area.read(window, valid.shape)
         return valid
 
     def excerpt(self, window: Window) -> Scene:
-        """Return a scene for a worker that reads only `window`. An array is cut to it."""
-        if not isinstance(self.source, Excerpt):
-            return self
+        """Return a scene for a worker that reads only `window`. What is in memory is cut to it."""
         base = self.window
         there = replace(window, col=window.col + base.col, row=window.row + base.row)
-        return replace(self, source=self.source.cut(there))
+        source = self.source.cut(there) if isinstance(self.source, Excerpt) else self.source
+        return replace(self, source=source, area=self.area.cut(there) if self.area else None)
 
-    def crop(self, window: Window, area: Any = None) -> Scene:
-        """Return the part of the scene in `window` and in `area`.
-
-        `window` is in pixels of this scene, `area` in pixel-edge coordinates of the file.
-        """
+    def crop(self, window: Window, area: PixelMask | None = None) -> Scene:
+        """Return the part of the scene in `window`, which is in its pixels, and in `area`."""
         return replace(
             self,
             grid=self.grid.window(window),

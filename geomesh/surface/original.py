@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 
 from geomesh.errors import BandError, GeoreferenceError
 from geomesh.raster.grid import LATTICE, Grid, Window
 from geomesh.raster.open import Source, open_scene
+from geomesh.raster.pixel_mask import PixelMask
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,8 +64,7 @@ def open_original(
         # The area is in pixels of the source of the mesh. In this raster, the part that the
         # mesh covers may have another position.
         col, row = made_from.window[:2]
-        moved = np.array([window.col - col, window.row - row])
-        area = shapely.transform(shapely.from_wkt(made_from.area), lambda xy: xy + moved)
+        area = PixelMask.from_text(made_from.area).move(window.col - col, window.row - row)
     return scene.crop(window, area)
 
 
