@@ -6,16 +6,17 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pyproj import CRS
 from rasterio.transform import from_gcps
 
 from geomesh.errors import GeoreferenceError, one_line
+from geomesh.raster.crs import to_pyproj
 from geomesh.raster.grid import IDENTITY, Grid
 
 if TYPE_CHECKING:
     import rasterio
     from affine import Affine
     from numpy.typing import NDArray
+    from pyproj import CRS
 
     from geomesh.raster.dataarray import ArrayRaster
 
@@ -83,12 +84,8 @@ def _spread(points: NDArray[np.float64]) -> bool:
 
 
 def _crs(name: str, crs: Any) -> CRS | None:
-    """Convert a CRS of rasterio to pyproj, by its authority code if it has one."""
-    if not crs:
-        return None
     try:
-        authority = crs.to_authority()
-        return CRS.from_authority(*authority) if authority else CRS.from_wkt(crs.to_wkt())
+        return to_pyproj(crs)
     except Exception as error:
         raise GeoreferenceError(
             f"{name} has a CRS that PROJ cannot read ({one_line(error)}); give another with `crs`"

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from affine import Affine
-from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
 from rasterio.vrt import WarpedVRT
@@ -18,6 +17,7 @@ from rasterio.vrt import WarpedVRT
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.raster.bands import array_bands, dataset_bands
 from geomesh.raster.crop import restrict
+from geomesh.raster.crs import to_pyproj
 from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
 from geomesh.raster.gdal import BorrowedDataset, open_raster
 from geomesh.raster.georeference import georeference
@@ -26,6 +26,7 @@ from geomesh.raster.scene import Excerpt, Scene
 
 if TYPE_CHECKING:
     import rasterio
+    from pyproj import CRS
     from xarray import DataArray
 
 _DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)
@@ -112,9 +113,11 @@ def open_scene(
     return scene
 
 
-def _parse_crs(label: str, crs: Any) -> CRS:
+def _parse_crs(label: str, crs: Any) -> CRS | None:
     try:
-        return CRS.from_user_input(crs)
+        if crs == "":
+            raise CRSError("it is empty")
+        return to_pyproj(crs)
     except CRSError as error:
         raise GeoreferenceError(
             f"{label} {crs!r} is unknown ({one_line(error)}); give a code such as EPSG:32722"
