@@ -12,6 +12,9 @@ import click
 
 from geomesh.cli.console import guarded, open_console
 
+# Longer texts, such as the pixels of an area of interest, are cut. `--json` has all of them.
+_LONGEST = 200
+
 
 @click.command()
 @click.argument("path", metavar="MESH|SRC")
@@ -106,5 +109,7 @@ def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
         elif isinstance(value, list):
             lines.append(f"{label} {', '.join(str(item) for item in value) or 'none'}")
         else:
-            lines.append(f"{label} {'none' if value is None else value}")
+            text = "none" if value is None else str(value)
+            rest = len(text) - _LONGEST
+            lines.append(f"{label} {text if rest <= 0 else f'{text[:_LONGEST]} ... ({rest} more)'}")
     return "\n".join(lines)

@@ -84,7 +84,7 @@ def burn(areas: Sequence[Polygons], grid: Grid, name: str) -> Burnt:
             found = _burn_block(window, cells, all_placed)
             if found.any():
                 packed[window] = np.packbits(found, axis=1)
-                count += np.count_nonzero(found)
+                count += int(np.count_nonzero(found))
     if not packed:
         return Burnt(Window(0, 0, 0, 0), None, touched=len(near) > 0)
     window, mask = _join(packed)

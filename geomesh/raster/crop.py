@@ -10,6 +10,7 @@ import shapely
 
 from geomesh.errors import EmptyError, GeoreferenceError
 from geomesh.raster.burn import Burnt, burn
+from geomesh.raster.crs import crs_label, horizontal
 from geomesh.raster.grid import Window
 from geomesh.raster.placed import full_turn
 from geomesh.raster.polygons import Polygons, read_polygons
@@ -51,7 +52,7 @@ def _box(bounds: tuple[float, float, float, float], grid: Grid) -> Polygons:
     if len(bounds) != 4:
         raise GeoreferenceError(f"bounds is {bounds!r}: expected west, south, east, north")
     west, south, east, north = bounds
-    if east < west and grid.crs is not None and grid.crs.is_geographic:
+    if east < west and grid.crs is not None and horizontal(grid.crs).is_geographic:
         east += full_turn(grid.crs)  # a box across the antimeridian, as in RFC 7946, section 5.2
     if not (-math.inf < west < east < math.inf and -math.inf < south < north < math.inf):
         raise GeoreferenceError(
@@ -74,7 +75,7 @@ def _why_empty(areas: dict[str, Polygons], burnt: Burnt, scene: Scene) -> str:
             f"{abs(grid.transform.a):.5g} map units wide; give a larger area"
         )
     edges = " ".join(f"{value:.10g}" for value in grid.bounds())
-    crs = grid.crs.to_string() if grid.crs else "pixels"
+    crs = crs_label(grid.crs) if grid.crs else "pixels"
     return f"{parameter} lies outside {scene.name}, whose bounds are {edges} in {crs}"
 
 

@@ -13,6 +13,7 @@ from pyproj.enums import TransformDirection
 from pyproj.exceptions import ProjError
 
 from geomesh.errors import GeoreferenceError
+from geomesh.raster.crs import crs_label, horizontal, same_crs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,11 +53,11 @@ class Placed:
         GeoreferenceError
             If there is no transformation from one CRS to the other.
         """
-        if area.crs == grid.crs:
+        if area.crs is None or same_crs(area.crs, grid.crs):
             return cls(area, grid, None)
         if grid.crs is None:
             raise GeoreferenceError(
-                f"{area.name} is in {area.crs.to_string()} but {name} has no CRS; georeference the "
+                f"{area.name} is in {crs_label(area.crs)} but {name} has no CRS; georeference the "
                 "raster, or give a mask without a CRS in the raster's coordinates"
             )
         try:
@@ -110,14 +111,14 @@ class Placed:
         """Convert coordinates (N, 2) of the area to pixel-edge coordinates; inf if impossible."""
         if self.transformer is not None:
             inverse = TransformDirection.INVERSE
-            xy = np.column_stack(self.transformer.transform(*xy.T, direction=inverse))
+            xy = np.column_stack(self.transformer.transform(xy[:, 0], xy[:, 1], direction=inverse))
         with np.errstate(invalid="ignore"):
             return self.grid.to_pixel(xy + np.array([turn, 0.0]))
 
 
 def _turns(crs: CRS | None, x: tuple[float, float], to: tuple[float, float]) -> Iterator[float]:
     """Yield the multiples of a whole turn by which the range `x` can be moved to touch `to`."""
-    if crs is None or not crs.is_geographic:
+    if crs is None or not horizontal(crs).is_geographic:
         yield 0.0
         return
     full = full_turn(crs)
@@ -129,4 +130,4 @@ def _turns(crs: CRS | None, x: tuple[float, float], to: tuple[float, float]) -> 
 
 def full_turn(crs: CRS) -> float:
     """Return 360 degrees in the unit of a geographic CRS."""
-    return float(2 * math.pi / crs.axis_info[0].unit_conversion_factor)
+    return float(2 * math.pi / horizontal(crs).axis_info[0].unit_conversion_factor)

@@ -12,27 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
-from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from geomesh.errors import GeoreferenceError, SourceError, one_line
+from geomesh.raster.crs import LONLAT, horizontal, to_pyproj
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
+    from pyproj import CRS
     from shapely.geometry.base import BaseGeometry
 
 # WKT of a geometry, perhaps with the code of its CRS in front as PostGIS writes it.
 _WKT = re.compile(
     r"\s*(?:SRID=(\d+);)?\s*((?:MULTI)?[A-Z]+\s*(?:Z|M|ZM)?\s*(?:\(|EMPTY).*)", re.I | re.S
 )
-
-# CRS of GeoJSON (RFC 7946, section 4).
-_LONLAT = "OGC:CRS84"
-
-# A GeoPackage names the CRS of a layer without one "Undefined ...".
-_UNDEFINED = "Undefined"
 
 # Limits of longitude and latitude, in degrees: two turns, and a little more than the poles,
 # because pixels of a global raster may reach beyond them.
@@ -86,39 +81,47 @@ def read_polygons(mask: Any, raster_crs: CRS | None, layer: str | None = None) -
     GeoreferenceError
         If its CRS is not known.
     """
-    text = mask.strip() if isinstance(mask, str) else ""
-    wkt = _WKT.fullmatch(text)
-    from_file = isinstance(mask, PathLike) or (
-        isinstance(mask, str) and not (wkt or text[:1] == "{")
-    )
+    from_file = is_file(mask)
     if layer is not None and not from_file:
         raise SourceError("`mask_layer` chooses a layer of a file, but `mask` is not a file")
     name = f"mask {fspath(mask)}" if from_file else "the mask"
-    if from_file:
-        shapes, crs = _read_file(fspath(mask), name, layer)
-    elif wkt:
-        shapes, crs = np.array([_parse(shapely.from_wkt, wkt[2], "WKT")]), wkt[1] and int(wkt[1])
-    elif isinstance(mask, shapely.Geometry):
-        shapes, crs = np.array([mask]), None
-    elif type(mask).__module__.partition(".")[0] == "geopandas":
-        shapes, crs = np.asarray(mask.geometry.array), mask.crs
-    elif text or isinstance(mask, Mapping) or hasattr(mask, "__geo_interface__"):
-        shapes, crs = _parse(_read_geojson, mask, "GeoJSON")
-    else:
-        raise SourceError(
-            f"{name} is a {type(mask).__name__}: give a file, GeoDataFrame, GeoSeries, shapely "
-            "geometry, GeoJSON mapping or WKT of polygons"
-        )
+    shapes, crs = _read_file(fspath(mask), name, layer) if from_file else _read_object(mask)
     shape, notes = _clean(shapes, name)
-    own = None if crs is None else _parse_crs(crs, name)
+    own = None if crs is None else _read_crs(crs, name)
     if own is None and from_file and raster_crs is not None:
         notes += (f"{name} has no CRS: its coordinates are taken as those of the raster",)
     known = own or raster_crs
-    if known is not None and known.is_geographic:
-        degrees = float(np.degrees(known.axis_info[0].unit_conversion_factor))
+    if known is not None and horizontal(known).is_geographic:
+        degrees = float(np.degrees(horizontal(known).axis_info[0].unit_conversion_factor))
         _require_degrees(shape, degrees, known, name)
         notes += _wide_sides(shape, degrees, name)
     return Polygons(name, shape, known, notes)
+
+
+def is_file(mask: Any) -> bool:
+    """Return whether an area is given as the path of a file, and not as text in WKT or GeoJSON."""
+    if isinstance(mask, str):
+        return _WKT.fullmatch(mask) is None and not mask.lstrip().startswith("{")
+    return isinstance(mask, PathLike)
+
+
+def _read_object(mask: Any) -> tuple[NDArray[Any], Any]:
+    """Return the geometries of an object or of text, and their CRS."""
+    if isinstance(mask, shapely.Geometry):
+        return np.array([mask]), None
+    if type(mask).__module__.partition(".")[0] == "geopandas":
+        return np.asarray(mask.geometry.array), mask.crs
+    wkt = _WKT.fullmatch(mask) if isinstance(mask, str) else None
+    if wkt is not None:
+        shape = _parse(shapely.from_wkt, wkt[2], "WKT")
+        return np.array([shape]), int(wkt[1]) if wkt[1] else None
+    if isinstance(mask, str | Mapping) or hasattr(mask, "__geo_interface__"):
+        found: tuple[NDArray[Any], Any] = _parse(_read_geojson, mask, "GeoJSON")
+        return found
+    raise SourceError(
+        f"the mask is a {type(mask).__name__}: give a file, GeoDataFrame, GeoSeries, shapely "
+        "geometry, GeoJSON mapping or WKT of polygons"
+    )
 
 
 def _parse(parser: Any, text: Any, kind: str) -> Any:
@@ -139,7 +142,7 @@ def _read_geojson(mask: Any) -> tuple[NDArray[Any], Any]:
         feature["geometry"] if feature.get("type") == "Feature" else feature for feature in features
     ]
     texts = [json.dumps(geometry, default=list) for geometry in geometries if geometry is not None]
-    crs = (mask.get("crs") or {}).get("properties", {}).get("name", _LONLAT)
+    crs = (mask.get("crs") or {}).get("properties", {}).get("name", LONLAT)
     return shapely.from_geojson(np.array(texts, object)), crs
 
 
@@ -205,14 +208,13 @@ def _exactly(text: str) -> str:
     return re.sub(r"([*?[])", r"[\1]", text)
 
 
-def _parse_crs(crs: Any, name: str) -> CRS | None:
+def _read_crs(crs: Any, name: str) -> CRS | None:
     try:
-        known = CRS.from_user_input(crs)
+        return to_pyproj(crs)
     except CRSError as error:
         raise GeoreferenceError(
             f"{name} has a CRS that PROJ cannot read ({one_line(error)}); save it in another CRS"
         ) from error
-    return None if known.name.startswith(_UNDEFINED) else known
 
 
 def _require_degrees(shape: BaseGeometry, degrees: float, crs: CRS, name: str) -> None:
