@@ -40,6 +40,15 @@ def read_area(scene: Scene, shape: tuple[int, int]) -> np.ndarray:
     return found
 
 
+def find_area(raster: Any, **options: Any) -> np.ndarray:
+    """Return the pixels of an area in the whole raster; none, if geomesh says that it is empty."""
+    shape = raster[0].shape
+    try:
+        return read_area(open_scene(raster, **options), shape)
+    except EmptyError:
+        return np.zeros(shape, bool)
+
+
 def centres_of(transform: Affine, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.meshgrid(np.arange(shape[1]) + 0.5, np.arange(shape[0]) + 0.5)
     t = transform
@@ -99,14 +108,11 @@ def test_random_polygons_in_random_crss(crs: str, use: tuple[float, ...]) -> Non
         if CRS(area_crs).is_geographic:
             area = area.intersection(shapely.box(-360, -90, 360, 90))
         expected = expected_area(transform, shape, crs, area, area_crs)
-        try:
-            found = read_area(open_scene(raster, mask=f"SRID={area_crs[5:]};{area.wkt}"), shape)
-        except EmptyError:
-            found = np.zeros(shape, bool)
+        found = find_area(raster, mask=f"SRID={area_crs[5:]};{area.wkt}")
         assert (found == expected).all(), (area_crs, int((found != expected).sum()))
     box = shapely.box(*np.sort(rng.uniform(bounds[:2], bounds[2:], (2, 2)), axis=0).ravel())
     expected = expected_area(transform, shape, crs, box, crs)
-    found = read_area(open_scene(raster, bounds=box.bounds), shape)
+    found = find_area(raster, bounds=box.bounds)
     assert (found == expected).all()
 
 
@@ -172,10 +178,7 @@ def test_areas_at_poles_and_at_the_antimeridian(
     monkeypatch.setattr(burn, "_BLOCK", block)
     for name, (area_crs, area) in AREAS.items():
         expected = expected_area(transform, shape, crs, area, area_crs)
-        try:
-            found = read_area(open_scene(raster, mask=gpd.GeoSeries([area], crs=area_crs)), shape)
-        except EmptyError:
-            found = np.zeros(shape, bool)
+        found = find_area(raster, mask=gpd.GeoSeries([area], crs=area_crs))
         assert (found == expected).all(), (name, int((found != expected).sum()))
 
 
