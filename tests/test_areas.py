@@ -236,7 +236,8 @@ REFUSED: dict[str, tuple[Any, type, str]] = {
     "line": (shapely.LineString([(0, 0), (1, 1)]), SourceError, "contains no polygon"),
     "collapsed polygon": ("POLYGON((0 0, 1 1, 0 0))", SourceError, "contains no polygon"),
     "empty": ("POLYGON EMPTY", SourceError, "contains no polygon"),
-    "broken WKT": ("POLYGON((0 0, 1 1", SourceError, "not valid WKT"),
+    "broken WKT": ("POLYGON((0 0, 1 1)", SourceError, "not valid WKT"),
+    "half of WKT": ("POLYGON((0 0, 1 1", SourceError, "no such file"),
     "broken GeoJSON": ('{"type": "Polygon"', SourceError, "not valid GeoJSON"),
     "GeoJSON of another kind": ({"type": "Topology"}, SourceError, "not valid GeoJSON"),
     "features that are none": ({"features": 3}, SourceError, "not valid GeoJSON"),
@@ -316,6 +317,13 @@ def test_bounds_across_the_antimeridian() -> None:
 
 
 # Files
+
+
+@pytest.mark.parametrize("name", ["area (2).gpkg", "POLYGON((1).gpkg", "a;b!c.gpkg", "区域.gpkg"])
+def test_a_file_may_have_any_name(name: str, tmp_path: Path) -> None:
+    gpd.GeoSeries([SMALL], crs=UTM).to_file(tmp_path / "area.gpkg")
+    (tmp_path / "area.gpkg").rename(tmp_path / name)
+    assert count(str(tmp_path / name)) == 3600
 
 
 def test_a_layer_of_several_is_chosen_or_the_list_is_given(tmp_path: Path) -> None:

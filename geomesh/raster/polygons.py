@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 # WKT of a geometry, perhaps with the code of its CRS in front as PostGIS writes it.
 _WKT = re.compile(
-    r"\s*(?:SRID=(\d+);)?\s*((?:MULTI)?[A-Z]+\s*(?:Z|M|ZM)?\s*(?:\(|EMPTY).*)", re.I | re.S
+    r"\s*(?:SRID=(?P<code>\d+);)?\s*(?P<shape>(?:(?:MULTI)?(?:POINT|LINESTRING|POLYGON)"
+    r"|LINEARRING|GEOMETRYCOLLECTION)(?:\s+(?:Z|M|ZM))?\s*(?:\(.*\)|EMPTY))\s*",
+    re.IGNORECASE | re.DOTALL,
 )
 
 # Limits of longitude and latitude, in degrees: two turns, and a little more than the poles,
@@ -113,8 +115,8 @@ def _read_object(mask: Any) -> tuple[NDArray[Any], Any]:
         return np.asarray(mask.geometry.array), mask.crs
     wkt = _WKT.fullmatch(mask) if isinstance(mask, str) else None
     if wkt is not None:
-        shape = _parse(shapely.from_wkt, wkt[2], "WKT")
-        return np.array([shape]), int(wkt[1]) if wkt[1] else None
+        shape = _parse(shapely.from_wkt, wkt["shape"], "WKT")
+        return np.array([shape]), int(wkt["code"]) if wkt["code"] else None
     if isinstance(mask, str | Mapping) or hasattr(mask, "__geo_interface__"):
         found: tuple[NDArray[Any], Any] = _parse(_read_geojson, mask, "GeoJSON")
         return found
