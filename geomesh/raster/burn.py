@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from geomesh.raster.grid import Grid, Window
 from geomesh.raster.pixel_mask import PixelMask
@@ -114,16 +114,17 @@ def _burn_block(
     if not len(cells[0]):
         found = np.full(height * width, inside(np.zeros(1, np.intp))[0])
     else:
-        near = np.zeros((height + 2, width + 2), np.bool_)
+        touched = np.zeros((height + 2, width + 2), np.uint8)
         shown = (cells[0] < height + 2) & (cells[1] < width + 2)
-        near[cells[0][shown], cells[1][shown]] = True
-        near = ndimage.binary_dilation(near, np.ones((3, 3), np.bool_))[1:-1, 1:-1].ravel()
-        regions, count = ndimage.label(~near.reshape(height, width))
-        regions = regions.ravel()
-        first = np.zeros(count + 1, np.intp)
-        first[regions[::-1]] = np.arange(height * width)[::-1]
-        found = inside(first)[regions]
-        found[near] = inside(np.flatnonzero(near))
+        touched[cells[0][shown], cells[1][shown]] = 1
+        near = cv2.dilate(touched, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
+        # Other pixels that share a border, not only a corner, have the same answer.
+        far = np.logical_not(near).astype(np.uint8)
+        count, regions = cv2.connectedComponents(far, connectivity=4)
+        first = np.zeros(count, np.intp)
+        first[regions.ravel()[::-1]] = np.arange(height * width)[::-1]
+        found = inside(first)[regions.ravel()]
+        found[near.ravel()] = inside(np.flatnonzero(near))
     if (inside(checked) != found[checked]).any():
         found = inside(np.arange(height * width))
     return found.reshape(height, width)

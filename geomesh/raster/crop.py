@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import shapely
 
 from geomesh.errors import EmptyError, GeoreferenceError
-from geomesh.raster.burn import Burnt, burn
 from geomesh.raster.crs import crs_label, horizontal
 from geomesh.raster.grid import Window
 from geomesh.raster.placed import full_turn
 from geomesh.raster.polygons import Polygons, read_polygons
 
 if TYPE_CHECKING:
+    from geomesh.raster.burn import Burnt
     from geomesh.raster.grid import Grid
     from geomesh.raster.scene import Scene
 
@@ -36,6 +36,8 @@ def restrict(
 
     The scene is a whole raster. The pixels that are kept are those whose centres lie in both.
     """
+    from geomesh.raster.burn import burn  # imports OpenCV, which takes a tenth of a second
+
     areas = {}
     if bounds is not None:
         areas["`bounds`"] = _box(bounds, scene.grid)
@@ -64,6 +66,8 @@ def _box(bounds: tuple[float, float, float, float], grid: Grid) -> Polygons:
 
 def _why_empty(areas: dict[str, Polygons], burnt: Burnt, scene: Scene) -> str:
     """Return why no pixel is in the areas, and the way out."""
+    from geomesh.raster.burn import burn
+
     grid = scene.grid
     empty = (name for name, area in areas.items() if not burn([area], grid, "").window.width)
     parameter = next(empty, None)
