@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from os import PathLike
     from pathlib import Path
 
-    from geomesh.parameters import LayerName
+    from geomesh.parameters import Alpha, LayerName
     from geomesh.surface.fidelity import Fidelity
     from geomesh.view.stages import Stages
 
@@ -105,6 +105,8 @@ def mesh_raster(
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    alpha: Alpha = "mask",
+    unscale: bool = False,
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
@@ -127,7 +129,12 @@ def mesh_raster(
     bidx : sequence of int, optional
         Bands to use; the first band is 1. Default: all except alpha.
     nodata : float, optional
-        Used instead of the file's own nodata value.
+        Used instead of the file's own nodata value, as a stored value. NaN: there is none.
+    alpha : {"mask", "data"}
+        "mask": bands tagged as alpha and masks in the file or beside it hide pixels.
+        "data": they do not, and a band tagged as alpha is an ordinary band.
+    unscale : bool
+        Use scale * stored value + offset of each band instead of the stored values.
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
@@ -169,7 +176,15 @@ def mesh_raster(
 
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
     scene = open_scene(
-        source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask, name=name
+        source,
+        bidx=bidx,
+        nodata=nodata,
+        alpha=alpha,
+        unscale=unscale,
+        crs=crs,
+        bounds=bounds,
+        mask=mask,
+        name=name,
     )
     with reporting(progress) as report, open_workers(workers, executor) as pool:
         return Mesh.of(mesh_scene(scene, recipe, pool, report))
@@ -205,6 +220,8 @@ def stages(
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    alpha: Alpha = "mask",
+    unscale: bool = False,
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
@@ -218,7 +235,7 @@ def stages(
 
     Parameters
     ----------
-    source, preset, recipe, bidx, nodata, crs, bounds, mask, progress
+    source, preset, recipe, bidx, nodata, alpha, unscale, crs, bounds, mask, progress
         As in `mesh_raster`.
     **values
         Parameters of the recipe to change, such as ``canny_low=50``.
@@ -238,6 +255,15 @@ def stages(
     from geomesh.view.stages import run_stages
 
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
-    scene = open_scene(source, bidx=bidx, nodata=nodata, crs=crs, bounds=bounds, mask=mask)
+    scene = open_scene(
+        source,
+        bidx=bidx,
+        nodata=nodata,
+        alpha=alpha,
+        unscale=unscale,
+        crs=crs,
+        bounds=bounds,
+        mask=mask,
+    )
     with reporting(progress) as report:
         return run_stages(scene, recipe, report)
