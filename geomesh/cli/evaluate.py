@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import guarded, open_console, spell
 from geomesh.cli.options import number, numbers, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.errors import EmptyError
@@ -100,7 +100,7 @@ def evaluate(
                 images, bidx=bidx, nodata=nodata, alpha=alpha, workers=workers, progress=report
             )
         for failure in comparison.failures:
-            console.error(failure.code, failure.error)
+            console.error(failure.code, spell(failure.error))
         if not comparison.records:
             raise EmptyError(
                 f"none of {len(images)} images could be evaluated, so nothing is written; see the "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -104,19 +105,10 @@ def open_scene(
             raise SourceError(f"{source.name} is closed; give an open dataset, or its path")
         borrowed = BorrowedDataset(source)
         scene = _dataset_scene(name or source.name, borrowed, source, bidx, given, values)
+        scene = replace(scene, notes=(*_note_on_side_file(source), *scene.notes))
     elif isinstance(source, str | PathLike):
         path = fspath(source)
-        # Absolute, because workers in other processes may have another working folder.
-        absolute = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
-        with open_raster(path) as dataset:
-            contradiction = find_contradiction(dataset)
-            if contradiction is None:
-                scene = _dataset_scene(name or path, absolute, dataset, bidx, given, values)
-        if contradiction is not None:
-            with open_raster(path, side_files=False) as dataset:
-                scene = _dataset_scene(name or path, absolute, dataset, bidx, given, values)
-            note = f"{scene.name}: {contradiction}; the side file is not used"
-            scene = replace(scene, side_files=False, notes=(note, *scene.notes))
+        scene = _file_scene(path, name or path, bidx, given, values)
     else:
         raise SourceError(
             f"cannot open a {type(source).__name__} as a raster: give a path, an open rasterio "
@@ -181,6 +173,30 @@ def _array_scene(
         scalings=scalings,
         notes=(*notes, *on_nodata, *on_scale),
     )
+
+
+def _file_scene(
+    path: str, name: str, bidx: Sequence[int] | None, given: CRS | None, values: _Values
+) -> Scene:
+    # Absolute, because workers in other processes may have another working folder.
+    absolute = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
+    with open_raster(path) as dataset:
+        contradiction = find_contradiction(dataset)
+        if contradiction is None:
+            return _dataset_scene(name, absolute, dataset, bidx, given, values)
+    with open_raster(path, side_files=False) as dataset:
+        scene = _dataset_scene(name, absolute, dataset, bidx, given, values)
+    note = f"{name}: {contradiction}; the side file is not used"
+    return replace(scene, side_files=False, notes=(note, *scene.notes))
+
+
+def _note_on_side_file(dataset: Any) -> tuple[str, ...]:
+    """Return a note if a dataset that the caller opened follows a side file, not the file."""
+    with suppress(SourceError):  # its name may be nothing that can be opened
+        contradiction = find_contradiction(getattr(dataset, "src_dataset", dataset))
+        if contradiction is not None:
+            return (f"{dataset.name}: {contradiction}; to use the file itself, give its path",)
+    return ()
 
 
 def _dataset_scene(
