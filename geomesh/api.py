@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from os import PathLike
     from pathlib import Path
 
-    from geomesh.parameters import LayerName
+    from geomesh.parameters import Alpha, LayerName
     from geomesh.surface.fidelity import Fidelity
     from geomesh.view.stages import Stages
 
@@ -105,6 +105,8 @@ def mesh_raster(
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    alpha: Alpha = "mask",
+    unscale: bool = False,
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
@@ -128,7 +130,12 @@ def mesh_raster(
     bidx : sequence of int, optional
         Bands to use; the first band is 1. Default: all except alpha.
     nodata : float, optional
-        Used instead of the file's own nodata value.
+        Used instead of the file's own nodata value, as a stored value. NaN: there is none.
+    alpha : {"mask", "data"}
+        "mask": bands tagged as alpha and masks in the file or beside it hide pixels.
+        "data": they do not, and a band tagged as alpha is an ordinary band.
+    unscale : bool
+        Use scale * stored value + offset of each band instead of the stored values.
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
@@ -178,6 +185,8 @@ def mesh_raster(
         source,
         bidx=bidx,
         nodata=nodata,
+        alpha=alpha,
+        unscale=unscale,
         crs=crs,
         bounds=bounds,
         mask=mask,
@@ -218,6 +227,8 @@ def stages(
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    alpha: Alpha = "mask",
+    unscale: bool = False,
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
@@ -232,7 +243,7 @@ def stages(
 
     Parameters
     ----------
-    source, preset, recipe, bidx, nodata, crs, bounds, mask, mask_layer, progress
+    source, preset, recipe, bidx, nodata, alpha, unscale, crs, bounds, mask, mask_layer, progress
         As in `mesh_raster`.
     **values
         Parameters of the recipe to change, such as ``canny_low=50``.
@@ -256,6 +267,8 @@ def stages(
         source,
         bidx=bidx,
         nodata=nodata,
+        alpha=alpha,
+        unscale=unscale,
         crs=crs,
         bounds=bounds,
         mask=mask,

@@ -8,6 +8,10 @@ from typing import Any, Literal
 LayerName = Literal["triangles", "edges", "nodes"]
 LAYERS: tuple[LayerName, ...] = ("triangles", "edges", "nodes")
 
+# What a band tagged as alpha is used as, and whether masks hide pixels.
+Alpha = Literal["mask", "data"]
+ALPHA: tuple[Alpha, ...] = ("mask", "data")
+
 GRAY_METHODS = ("auto", "luma", "mean", "pca")
 DOMAINS = ("valid", "image", "hull")
 SIFT_SOURCES = ("gray", "edges")

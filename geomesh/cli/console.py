@@ -32,6 +32,9 @@ PROTOCOL = 1
 # A parameter in a message of the library, with or without a value.
 _PARAMETER = re.compile(r"`(?P<name>[a-z_]+)(?:=(?P<value>[^`]*))?`")
 
+# Quotation marks of a text in Python.
+_QUOTES = "\"'"
+
 Report = Callable[[float, str], None]
 
 
@@ -177,7 +180,9 @@ def spell(message: str) -> str:
         name, value = match["name"], match["value"]
         if name in options:
             known = max(options[name].opts, key=len)
-            return known if value is None or options[name].is_flag else f"{known} {value}"
+            if value is None or options[name].is_flag:
+                return known
+            return f"{known} {value.strip(_QUOTES)}"
         if "settings" in options and value is not None:
             # Write the value as JSON.
             plain = {"None": "null", "True": "true", "False": "false"}.get(value, value)

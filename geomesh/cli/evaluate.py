@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from geomesh.cli.console import guarded, open_console
-from geomesh.cli.options import numbers, output_options
+from geomesh.cli.console import guarded, open_console, spell
+from geomesh.cli.options import number, numbers, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.errors import EmptyError
+from geomesh.parameters import ALPHA, Alpha
 
 if TYPE_CHECKING:
     from geomesh.evaluate.comparison import Comparison
@@ -31,9 +32,17 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--nodata",
-    type=float,
+    callback=number,
     metavar="VALUE",
-    help="Nodata value, used instead of the files' own. It may be nan.",
+    help="Nodata value, used instead of the files' own, as stored. nan: there is none.",
+)
+@click.option(
+    "--alpha",
+    type=click.Choice(ALPHA),
+    default="mask",
+    show_default=True,
+    help="mask: bands tagged as alpha, and masks in the file or beside it, hide pixels. data: "
+    "they do not; a band tagged as alpha is an ordinary band.",
 )
 @click.option(
     "--workers",
@@ -52,6 +61,7 @@ def evaluate(
     figure: str | None,
     bidx: list[int] | None,
     nodata: float | None,
+    alpha: Alpha,
     workers: int | None,
     overwrite: bool,
     progress: str | None,
@@ -87,10 +97,10 @@ def evaluate(
             protect_inputs(outputs, images)
             _check_outputs(output, figure, overwrite)
             comparison = evaluate_images(
-                images, bidx=bidx, nodata=nodata, workers=workers, progress=report
+                images, bidx=bidx, nodata=nodata, alpha=alpha, workers=workers, progress=report
             )
         for failure in comparison.failures:
-            console.error(failure.code, failure.error)
+            console.error(failure.code, spell(failure.error))
         if not comparison.records:
             raise EmptyError(
                 f"none of {len(images)} images could be evaluated, so nothing is written; see the "

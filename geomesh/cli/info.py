@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import guarded, open_console, spell
+
+if TYPE_CHECKING:
+    import rasterio
+
+    from geomesh.raster.scene import Scene
+
+# Files of overviews, masks and metadata that GDAL finds beside a raster.
+_SIDE_FILES = (".ovr", ".msk", ".aux", ".aux.xml")
 
 # Longer texts, such as the pixels of an area of interest, are cut. `--json` has all of them.
 _LONGEST = 200
@@ -70,28 +79,81 @@ def _describe_mesh(path: str) -> dict[str, Any]:
 
 
 def _describe_raster(path: str) -> dict[str, Any]:
+    from geomesh.cli.mesh import mesh
     from geomesh.features.overview import read_overview
     from geomesh.parallel.progress import silent
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.parallel.workers import open_workers
+    from geomesh.raster.alpha import note_on_alpha
     from geomesh.raster.open import open_scene
 
     scene = open_scene(path)
     grid = scene.grid
     with open_workers() as workers, scene.open():
         _, valid = read_overview(scene, workers, silent)
+        bands, facts = _describe_values(scene)
+        # The options that notes name are those of `geomesh mesh`.
+        with click.Context(mesh):
+            notes = [spell(note) for note in (*scene.notes, *note_on_alpha(scene))]
     return {
         "raster": str(path),
         "size": [grid.width, grid.height],
-        "bands": [{"index": band.index, "description": band.description} for band in scene.bands],
+        "bands": bands,
         "dtype": str(scene.dtype),
         "crs": grid.crs.to_string() if grid.crs else None,
         "transform": list(grid.transform[:6]),
         "bounds": list(grid.bounds()),
+        **facts,
         "valid_share": float(valid.mean()),
         "tiles": len(plan_tiles(grid.extent)),
-        "notes": list(scene.notes),
+        "notes": notes,
     }
+
+
+def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the facts about each band, and what hides pixels or is not used."""
+    from geomesh.raster.bands import alpha_indexes
+    from geomesh.raster.pixels import masked_bands
+
+    with scene.borrow() as dataset:
+        indexes = list(dict.fromkeys(band.index for band in scene.bands))
+        bands = [_describe_band(dataset, index) for index in indexes]
+        alphas = alpha_indexes(dataset, scene.alpha)
+        masked = masked_bands(dataset, indexes, alpha=scene.alpha)
+        facts = {
+            "hides_pixels": [
+                *(
+                    f"nodata of band {band['index']}"
+                    for band in bands
+                    if band["nodata"] is not None
+                ),
+                *(f"alpha in band {index}" for index in alphas),
+                *(f"mask of band {index}" if len(masked) > 1 else "mask" for index in masked),
+            ],
+            "unused_overviews": dataset.overviews(1),
+            "side_files": [
+                Path(name).name for name in dataset.files if name.lower().endswith(_SIDE_FILES)
+            ],
+        }
+    return bands, facts
+
+
+def _describe_band(dataset: rasterio.DatasetReader, index: int) -> dict[str, Any]:
+    from geomesh.raster.scaling import PLAIN
+
+    k = index - 1
+    nodata = dataset.nodatavals[k]
+    facts = {
+        "index": index,
+        "description": dataset.descriptions[k],
+        "color": dataset.colorinterp[k].name,
+        "dtype": dataset.dtypes[k],
+        # As text if JSON has no such number.
+        "nodata": str(nodata) if nodata is not None and not math.isfinite(nodata) else nodata,
+    }
+    if (dataset.scales[k], dataset.offsets[k]) != PLAIN:
+        facts |= {"scale": dataset.scales[k], "offset": dataset.offsets[k]}
+    return facts | ({"unit": dataset.units[k]} if dataset.units[k] else {})
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
@@ -104,7 +166,8 @@ def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             lines += [label]
             lines += [
-                "  " + indent + ", ".join(f"{k} {v}" for k, v in row.items()) for row in value
+                "  " + indent + ", ".join(f"{k} {v}" for k, v in row.items() if v is not None)
+                for row in value
             ]
         elif isinstance(value, list):
             lines.append(f"{label} {', '.join(str(item) for item in value) or 'none'}")

@@ -11,16 +11,16 @@ from typing import Any, TypeVar
 
 import click
 
-from geomesh.errors import RecipeError
+from geomesh.errors import BandError, RecipeError
 from geomesh.formats.registry import DRIVERS
-from geomesh.parameters import DOMAINS, LAYERS
+from geomesh.parameters import ALPHA, DOMAINS, LAYERS
 from geomesh.recipe import PRESETS, Recipe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
-_READING = ("bidx", "nodata", "crs", "bounds", "mask", "mask_layer", "name")
+_READING = ("bidx", "nodata", "alpha", "unscale", "crs", "bounds", "mask", "mask_layer", "name")
 _RECIPE = (
     *("preset", "recipe_file", "nodes", "gray", "sift_upsample", "domain", "statistics"),
     "settings",
@@ -35,6 +35,18 @@ def numbers(_ctx: click.Context, _param: click.Parameter, value: str | None) -> 
         return [int(part) for part in value.split(",")]
     except ValueError as error:
         raise click.BadParameter(f"{value!r}: give band numbers such as 3,2,1") from error
+
+
+def number(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
+    """Parse a nodata value. A whole number keeps all its digits."""
+    if value is None:
+        return None
+    from geomesh.raster.nodata import parse_nodata
+
+    try:
+        return parse_nodata(value)
+    except BandError as error:
+        raise click.BadParameter(f"{value!r}: give a number such as -9999, or nan") from error
 
 
 def _budget(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
@@ -136,9 +148,22 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
             ),
             click.option(
                 "--nodata",
-                type=float,
+                callback=number,
                 metavar="VALUE",
-                help="Nodata value, used instead of the file's own. It may be nan.",
+                help="Nodata value, used instead of the file's own, as stored. nan: there is none.",
+            ),
+            click.option(
+                "--alpha",
+                type=click.Choice(ALPHA),
+                default="mask",
+                show_default=True,
+                help="mask: bands tagged as alpha, and masks in the file or beside it, hide "
+                "pixels. data: they do not; a band tagged as alpha is an ordinary band.",
+            ),
+            click.option(
+                "--unscale",
+                is_flag=True,
+                help="Use scale * stored value + offset instead of the stored values.",
             ),
             click.option(
                 "--crs",

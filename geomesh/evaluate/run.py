@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from concurrent.futures import Executor
 
+    from geomesh.parameters import Alpha
     from geomesh.raster.grid import Grid
     from geomesh.raster.scene import Scene
 
@@ -37,6 +38,7 @@ def evaluate(
     *,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    alpha: Alpha = "mask",
     workers: int | None = None,
     executor: Executor | None = None,
     progress: bool | Progress = False,
@@ -51,6 +53,8 @@ def evaluate(
         1-based bands to use; by default all except alpha.
     nodata : float, optional
         Replaces the nodata values of the files.
+    alpha : {"mask", "data"}
+        As in `geomesh.mesh_raster`.
     workers : int, optional
         Number of images to process at the same time; by default one per core. The figures
         are the same to the last bit for any number of workers.
@@ -85,7 +89,7 @@ def evaluate(
     with reporting(progress) as report, open_workers(workers, executor) as pool:
         report(0.0, f"Evaluating {len(images)} images")
         parts = []
-        for part in pool.map(_EvaluateImage(bidx, nodata), images):
+        for part in pool.map(_EvaluateImage(bidx, nodata, alpha), images):
             parts.append(part)
             report(len(parts) / len(images), f"Evaluating: image {len(parts)} of {len(images)}")
     comparison = Comparison(
@@ -114,12 +118,13 @@ class _EvaluateImage:
 
     bidx: Sequence[int] | None
     nodata: float | None
+    alpha: Alpha
 
     def __call__(self, image: str) -> Comparison:
         records: list[Record] = []
         failures: list[Failure] = []
         try:
-            scene = open_scene(image, bidx=self.bidx, nodata=self.nodata)
+            scene = open_scene(image, bidx=self.bidx, nodata=self.nodata, alpha=self.alpha)
             # Own threads: a worker that waits for tasks in its own pool could wait forever.
             with open_workers(1) as workers, scene.open():
                 for name, find_plane in PLANES.items():

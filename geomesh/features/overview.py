@@ -14,7 +14,8 @@ from geomesh.raster.grid import Window
 if TYPE_CHECKING:
     from geomesh.parallel.progress import Progress
     from geomesh.parallel.workers import Workers
-    from geomesh.raster.scene import Pixels, Scene
+    from geomesh.raster.pixels import Pixels
+    from geomesh.raster.scene import Scene
 
 _SIZE = 1024
 

@@ -18,11 +18,15 @@ from geomesh.errors import OutputError, one_line
 from geomesh.io.atomic import check_place
 from geomesh.raster.bands import palette
 from geomesh.raster.grid import IDENTITY
-from geomesh.raster.scene import Excerpt, Scene, can_hold
+from geomesh.raster.nodata import stored_value
+from geomesh.raster.pixels import Excerpt
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from os import PathLike
+
+    from geomesh.raster.nodata import Number
+    from geomesh.raster.scene import Scene
 
 _EXTENSIONS = (".tif", ".tiff")
 
@@ -37,6 +41,9 @@ _LOSSY = ("jpeg", "webp", "lerc", "jxl")
 # Metadata of each band, in addition to its description: attributes of a rasterio dataset.
 _BAND_METADATA = ("colorinterp", "scales", "offsets", "units")
 _COLORS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+
+# What is no longer so of scaled values.
+_OF_STORED_VALUES = ("scales", "offsets")
 
 
 def check_geotiff(path: str | PathLike[str], *, overwrite: bool) -> None:
@@ -83,14 +90,14 @@ class Style:
     Parameters
     ----------
     dtype : numpy.dtype
-    nodata : float or None
+    nodata : int, float or None
         If None, the file has a mask.
     metadata : mapping
         Name of an attribute of a rasterio dataset to its values, one for each band.
     """
 
     dtype: np.dtype[Any]
-    nodata: float | None
+    nodata: Number | None
     metadata: Mapping[str, Sequence[Any]]
 
 
@@ -108,8 +115,15 @@ def find_style(scene: Scene) -> Style:
             for name in _BAND_METADATA:
                 metadata[name] = [getattr(dataset, name)[k] for k in positions]
             nodata = dataset.nodatavals[positions[0]] if nodata is None else nodata
-    fits = nodata is not None and can_hold(dtype, nodata)
-    return Style(dtype, nodata if fits else None, metadata)
+        # A band of data must not become a mask when the file is read.
+        metadata["colorinterp"] = [
+            ColorInterp.undefined if color == ColorInterp.alpha else color
+            for color in metadata["colorinterp"]
+        ]
+    if scene.scalings:
+        plain = {k: values for k, values in metadata.items() if k not in _OF_STORED_VALUES}
+        return Style(dtype, None, plain)
+    return Style(dtype, None if nodata is None else stored_value(dtype, nodata), metadata)
 
 
 @contextmanager

@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from geomesh.raster.nodata import parse_nodata
 from geomesh.recipe import Recipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from geomesh.parameters import Alpha
+    from geomesh.raster.nodata import Number
 
 
 @dataclass(frozen=True)
@@ -41,17 +45,23 @@ class SourceRaster:
         Column, row, width and height of the part from which the mesh was made.
     bands : tuple of SourceBand
         In the order in which they were read.
-    nodata : float or None
+    nodata : int, float or None
         The nodata value that the user gave to replace the value of the source.
     area : str or None
         The pixels of the area of interest: see `geomesh.raster.pixel_mask.PixelMask.to_text`.
+    alpha : {"mask", "data"}
+        What bands tagged as alpha were used as.
+    unscale : bool
+        Whether scale and offset were applied to the stored values.
     """
 
     name: str
     window: tuple[int, int, int, int]
     bands: tuple[SourceBand, ...]
-    nodata: float | None
+    nodata: Number | None
     area: str | None
+    alpha: Alpha = "mask"
+    unscale: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,7 +115,7 @@ class Provenance:
                 **source,
                 "window": list(self.source.window),
                 "bands": list(source["bands"]),
-                # Stored as text because JSON has no NaN.
+                # Stored as text because JSON has no NaN, and readers round large integers.
                 "nodata": None if nodata is None else str(nodata),
             },
             "pixels": asdict(self.pixels),
@@ -131,8 +141,11 @@ class Provenance:
                 name=source["name"],
                 window=tuple(source["window"]),
                 bands=tuple(SourceBand(**band) for band in source["bands"]),
-                nodata=None if nodata is None else float(nodata),
+                nodata=None if nodata is None else parse_nodata(nodata),
                 area=source["area"],
+                # Older documents do not have these.
+                alpha=source.get("alpha", "mask"),
+                unscale=source.get("unscale", False),
             ),
             pixels=PixelCounts(**values["pixels"]),
             canny=CannyThresholds(**values["canny"]),

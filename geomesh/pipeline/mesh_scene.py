@@ -34,7 +34,8 @@ from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.pipeline.nodes import NodeSet, place_nodes
-from geomesh.raster.scene import Excerpt, Scene
+from geomesh.raster.alpha import note_on_alpha
+from geomesh.raster.pixels import Excerpt
 from geomesh.zonal import columns
 from geomesh.zonal import statistics as zonal
 
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from geomesh.arrays.types import Triangles
     from geomesh.parallel.workers import Workers
     from geomesh.raster.grid import Grid
+    from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
 # Libraries on which a result may depend, in addition to geomesh itself.
@@ -77,13 +79,13 @@ def mesh_scene(
         Called with the mesh as soon as its geometry is final, before it has statistics.
     """
     _require_reach(scene, workers)
-    notes = (*scene.notes, *_notes_on_memory(scene, recipe))
-    _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
     later_stages = in_background(lambda: _load_later_stages(is_known.set))
     later_stages.add_done_callback(lambda _: is_known.set())
     with scene.open():
+        notes = (*scene.notes, *note_on_alpha(scene), *_notes_on_memory(scene, recipe))
+        _warn(notes)
         tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
         detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.68))
@@ -157,6 +159,8 @@ def source_of(scene: Scene) -> SourceRaster:
             for name, band in zip(names, scene.bands, strict=True)
         ),
         nodata=scene.nodata,
+        alpha=scene.alpha,
+        unscale=scene.unscale,
         area=scene.area.to_text() if scene.area is not None else None,
     )
 

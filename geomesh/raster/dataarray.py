@@ -12,6 +12,8 @@ from affine import Affine
 
 from geomesh.errors import GeoreferenceError, SourceError, extra_required, one_line
 from geomesh.raster.grid import IDENTITY
+from geomesh.raster.nodata import Number, parse_nodata
+from geomesh.raster.scaling import Scaling, band_labels, read_scalings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,6 +42,8 @@ class ArrayRaster:
     nodata : float, optional
     descriptions : tuple of str or None, optional
         One for each band.
+    scalings : tuple of (float, float), optional
+        Scale and offset of each band.
     """
 
     name: str
@@ -47,8 +51,9 @@ class ArrayRaster:
     transform: Affine = IDENTITY
     crs: Any = None
     gcps: tuple[Any, Any] = ((), None)
-    nodata: float | None = None
+    nodata: Number | None = None
     descriptions: tuple[str | None, ...] | None = None
+    scalings: tuple[Scaling, ...] | None = None
 
     rpcs = None
 
@@ -173,6 +178,7 @@ def read_dataarray(
         (source.rio.get_gcps() or (), crs),
         _nodata(name, source),
         _descriptions(source, others[0] if others else None),
+        read_scalings(name, source, others[0] if others else None),
     )
 
 
@@ -185,7 +191,7 @@ def _crs(name: str, source: DataArray) -> Any:
         ) from error
 
 
-def _nodata(name: str, source: DataArray) -> float | None:
+def _nodata(name: str, source: DataArray) -> Number | None:
     try:
         nodata = source.rio.nodata
     except OverflowError:
@@ -196,7 +202,7 @@ def _nodata(name: str, source: DataArray) -> float | None:
             ".rio.write_nodata()"
         ) from error
     # NaN is never valid, and rioxarray's masking replaces the nodata value with NaN.
-    return None if nodata is None or np.isnan(nodata) else float(nodata)
+    return None if nodata is None or np.isnan(nodata) else parse_nodata(nodata)
 
 
 def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
@@ -205,12 +211,11 @@ def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
     rioxarray numbers the bands of a file from 1 and keeps all descriptions. So the number
     of a band gives its description, even after some bands were selected.
     """
-    count = 1 if dimension is None else source.sizes[dimension]
-    coordinate = source.coords.get("band" if dimension is None else dimension)
-    labels = np.arange(1, count + 1) if coordinate is None else np.atleast_1d(coordinate.values)
+    labels = band_labels(source, dimension)
     if labels.dtype.kind in "UO":
         return tuple(map(str, labels))
     stored = source.attrs.get("long_name", ())
+    count = len(labels)
     names = (stored,) * (count == 1) if isinstance(stored, str) else tuple(stored)
     if labels.dtype.kind not in "iu" or labels.min() < 1 or labels.max() > len(names):
         return (None,) * count

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 _CACHE = "GDAL_CACHEMAX"
 CACHE_BYTES = 256_000_000
 
+# Never take pixels from overviews, because they may hold anything. A VRT with larger pixels
+# than its sources would.
+_NO_OVERVIEWS = {"GDAL_OVERVIEW_OVERSAMPLING_THRESHOLD": "0"}
+
 # One handle on a local file is enough for this many cores; see Handles.borrow.
 _CORES_A_HANDLE = 8
 
@@ -36,7 +40,7 @@ _lock = threading.Lock()
 
 def settings() -> dict[str, Any]:
     """Return the settings of the current rasterio.Env. Other threads do not see that Env."""
-    options = dict(getenv()) if hasenv() else {}
+    options = {**(dict(getenv()) if hasenv() else {}), **_NO_OVERVIEWS}
     is_set = _CACHE in options or _CACHE in os.environ
     return options if is_set else {**options, _CACHE: CACHE_BYTES}
 
@@ -60,11 +64,14 @@ class Handles:
         Path or URL.
     size : (int, int)
         Expected width and height. A raster of another size was changed.
+    side_files : bool
+        As in `open_raster`.
     """
 
-    def __init__(self, name: str, size: tuple[int, int]) -> None:
+    def __init__(self, name: str, size: tuple[int, int], *, side_files: bool) -> None:
         self._name = name
         self._size = size
+        self._side_files = side_files
         self._free: list[rasterio.DatasetReader] = []
         self._closed = False
         readers = max((os.cpu_count() or 1) // _CORES_A_HANDLE, 1)
@@ -101,7 +108,7 @@ class Handles:
 
     def _open(self) -> rasterio.DatasetReader:
         try:
-            handle = open_raster(self._name)
+            handle = open_raster(self._name, side_files=self._side_files)
         except SourceError as error:
             raise SourceError(
                 f"{error}; it existed when the work began, and each worker needs it at that path"
@@ -160,7 +167,7 @@ class BorrowedDataset:
 _readings: dict[str, Handles] = {}
 
 
-def handles(reading: str, name: str, size: tuple[int, int]) -> Handles:
+def handles(reading: str, name: str, size: tuple[int, int], *, side_files: bool) -> Handles:
     """Return this process's handles for one opening of a raster.
 
     Parameters
@@ -168,13 +175,13 @@ def handles(reading: str, name: str, size: tuple[int, int]) -> Handles:
     reading : str
         Unique id of the opening. A later opening has another id, because the file may have
         been replaced.
-    name, size
+    name, size, side_files
         As in `Handles`.
     """
     with _lock:
         pool = _readings.get(reading)
         if pool is None:
-            pool = _readings[reading] = Handles(name, size)
+            pool = _readings[reading] = Handles(name, size, side_files=side_files)
         oldest = next(iter(_readings)) if len(_readings) > _MOST_READINGS else None
     if oldest is not None:
         close_handles(oldest)
@@ -189,10 +196,14 @@ def close_handles(reading: str) -> None:
         pool.close()
 
 
-def open_raster(name: str) -> rasterio.DatasetReader:
-    """Open a raster by path or URL. Raise SourceError with one line if that fails."""
+def open_raster(name: str, *, side_files: bool = True) -> rasterio.DatasetReader:
+    """Open a raster by path or URL. Raise SourceError with one line if that fails.
+
+    `side_files` tells whether GDAL may read metadata from side files (.aux.xml).
+    """
+    without = nullcontext() if side_files else rasterio.Env(GDAL_PAM_ENABLED=False)
     try:
-        with _lock, warnings.catch_warnings():  # warning filters are shared by all threads
+        with _lock, warnings.catch_warnings(), without:  # warning filters belong to all threads
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             return rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:

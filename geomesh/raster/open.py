@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,14 +16,19 @@ from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
 from rasterio.vrt import WarpedVRT
 
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
-from geomesh.raster.bands import array_bands, dataset_bands
+from geomesh.parameters import ALPHA, Alpha
+from geomesh.raster.bands import array_bands, dataset_bands, palette
 from geomesh.raster.crop import restrict
 from geomesh.raster.crs import to_pyproj
 from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
 from geomesh.raster.gdal import BorrowedDataset, open_raster
 from geomesh.raster.georeference import georeference
 from geomesh.raster.grid import IDENTITY
-from geomesh.raster.scene import Excerpt, Scene
+from geomesh.raster.nodata import Number, note_on_nodata, parse_nodata
+from geomesh.raster.pixels import Excerpt
+from geomesh.raster.scaling import PLAIN, SCALED, choose_scalings
+from geomesh.raster.scene import Scene
+from geomesh.raster.side_files import find_contradiction
 
 if TYPE_CHECKING:
     import rasterio
@@ -40,6 +46,8 @@ def open_scene(
     *,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
+    alpha: Alpha = "mask",
+    unscale: bool = False,
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
@@ -57,7 +65,12 @@ def open_scene(
     bidx : sequence of int, optional
         Bands to use; the first band is 1. Default: all except alpha.
     nodata : float, optional
-        Used instead of the file's own nodata value.
+        Used instead of the file's own nodata value, as a stored value. NaN: there is none.
+    alpha : {"mask", "data"}
+        "mask": bands tagged as alpha and masks in the file or beside it hide pixels.
+        "data": they do not, and a band tagged as alpha is an ordinary band.
+    unscale : bool
+        Use scale * stored value + offset of each band instead of the stored values.
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
@@ -80,32 +93,33 @@ def open_scene(
         isinstance(bidx, Sequence) and all(isinstance(index, int) for index in bidx)
     ):
         raise BandError(f"bidx is {bidx!r}: give a list of band numbers such as [3, 2, 1]")
+    if alpha not in ALPHA:
+        raise BandError(f"alpha is {alpha!r}: choose from {', '.join(ALPHA)}")
+    values = _Values(None if nodata is None else parse_nodata(nodata), alpha, bool(unscale))
     given = None if crs is None else _parse_crs("the CRS", crs)
     if isinstance(source, tuple) and len(source) == 3:
         array, transform, own = source
         if given is None and own is not None:
             given = _parse_crs("the CRS of the array,", own)
-        scene = _array_scene(_array_raster(name or "the array", array, transform), bidx, given)
+        raster = _array_raster(name or "the array", array, transform)
+        scene = _array_scene(raster, bidx, given, values)
     elif is_xarray(source):
         raster = read_dataarray(source, name, with_crs=given is None)
-        scene = _array_scene(raster, bidx, given)
+        scene = _array_scene(raster, bidx, given, values)
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give an open dataset, or its path")
-        scene = _dataset_scene(name or source.name, BorrowedDataset(source), source, bidx, given)
+        borrowed = BorrowedDataset(source)
+        scene = _dataset_scene(name or source.name, borrowed, source, bidx, given, values)
+        scene = replace(scene, notes=(*_note_on_side_file(source), *scene.notes))
     elif isinstance(source, str | PathLike):
         path = fspath(source)
-        with open_raster(path) as dataset:
-            # Absolute, because workers in other processes may have another working folder.
-            absolute = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
-            scene = _dataset_scene(name or path, absolute, dataset, bidx, given)
+        scene = _file_scene(path, name or path, bidx, given, values)
     else:
         raise SourceError(
             f"cannot open a {type(source).__name__} as a raster: give a path, an open rasterio "
             "dataset, an xarray.DataArray or (array, transform, crs)"
         )
-    if nodata is not None:
-        scene = replace(scene, nodata=float(nodata))
     if mask_layer is not None and mask is None:
         raise SourceError("`mask_layer` chooses a layer of `mask`, which is not given")
     if bounds is not None or mask is not None:
@@ -135,14 +149,64 @@ def _array_raster(name: str, array: Any, transform: Any) -> ArrayRaster:
     return ArrayRaster(name, array[None] if array.ndim == 2 else array, transform or IDENTITY)
 
 
-def _array_scene(raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | None) -> Scene:
+@dataclass(frozen=True)
+class _Values:
+    """How to understand the stored values: see `open_scene`."""
+
+    nodata: Number | None
+    alpha: Alpha
+    unscale: bool
+
+
+def _array_scene(
+    raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | None, values: _Values
+) -> Scene:
     name, array = raster.name, raster.array
     bands = array_bands(name, array.dtype, raster.descriptions or (None,) * len(array), bidx)
-    grid, notes = georeference(name, raster, given)
-    source, size = Excerpt(array, grid.extent), (grid.width, grid.height)
-    return Scene(
-        name, grid, grid.extent, bands, array.dtype, source, size, nodata=raster.nodata, notes=notes
+    indexes = [band.index for band in bands]
+    scalings, on_scale = choose_scalings(
+        name, raster.scalings or (PLAIN,) * len(array), indexes, unscale=values.unscale
     )
+    grid, notes = georeference(name, raster, given)
+    on_nodata = note_on_nodata(name, [array.dtype], values.nodata)
+    return Scene(
+        name,
+        grid,
+        grid.extent,
+        bands,
+        SCALED if scalings else array.dtype,
+        Excerpt(array, grid.extent),
+        (grid.width, grid.height),
+        nodata=raster.nodata if values.nodata is None else values.nodata,
+        alpha=values.alpha,
+        unscale=values.unscale,
+        scalings=scalings,
+        notes=(*notes, *on_nodata, *on_scale),
+    )
+
+
+def _file_scene(
+    path: str, name: str, bidx: Sequence[int] | None, given: CRS | None, values: _Values
+) -> Scene:
+    # Absolute, because workers in other processes may have another working folder.
+    absolute = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
+    with open_raster(path) as dataset:
+        contradiction = find_contradiction(dataset)
+        if contradiction is None:
+            return _dataset_scene(name, absolute, dataset, bidx, given, values)
+    with open_raster(path, side_files=False) as dataset:
+        scene = _dataset_scene(name, absolute, dataset, bidx, given, values)
+    note = f"{name}: {contradiction}; the side file is not used"
+    return replace(scene, side_files=False, notes=(note, *scene.notes))
+
+
+def _note_on_side_file(dataset: Any) -> tuple[str, ...]:
+    """Return a note if a dataset that the caller opened follows a side file, not the file."""
+    with suppress(SourceError):  # its name may be nothing that can be opened
+        contradiction = find_contradiction(getattr(dataset, "src_dataset", dataset))
+        if contradiction is not None:
+            return (f"{dataset.name}: {contradiction}; to use the file itself, give its path",)
+    return ()
 
 
 def _dataset_scene(
@@ -151,13 +215,34 @@ def _dataset_scene(
     dataset: rasterio.DatasetReader,
     bidx: Sequence[int] | None,
     given: CRS | None,
+    values: _Values,
 ) -> Scene:
     if dataset.count == 0:
         raise SourceError(
             f"{name} contains no bands of its own; name one of its subdatasets: "
             f"{', '.join(dataset.subdatasets[:3]) or 'none found'}"
         )
-    bands, dtype = dataset_bands(name, dataset, bidx)
+    bands, dtype = dataset_bands(name, dataset, bidx, values.alpha)
+    indexes = [band.index for band in bands]
+    # The values of a palette are classes, which cannot be scaled.
+    own = [PLAIN] * dataset.count
+    if palette(dataset) is None:
+        own = list(zip(dataset.scales, dataset.offsets, strict=True))
+    scalings, on_scale = choose_scalings(name, own, indexes, unscale=values.unscale)
+    types = [np.dtype(dataset.dtypes[index - 1]) for index in indexes]
+    on_nodata = note_on_nodata(name, types, values.nodata)
     grid, notes = georeference(name, dataset, given)
-    size = (dataset.width, dataset.height)
-    return Scene(name, grid, grid.extent, bands, dtype, source, size, notes=notes)
+    return Scene(
+        name,
+        grid,
+        grid.extent,
+        bands,
+        SCALED if scalings else dtype,
+        source,
+        (dataset.width, dataset.height),
+        nodata=values.nodata,
+        alpha=values.alpha,
+        unscale=values.unscale,
+        scalings=scalings,
+        notes=(*notes, *on_nodata, *on_scale),
+    )

@@ -2,75 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
-import rasterio
-from numpy.typing import NDArray
-from rasterio.enums import MaskFlags
 from rasterio.errors import RasterioError
 
 from geomesh.errors import SourceError, one_line
-from geomesh.raster.bands import (
-    Band,
-    alpha_index,
-    described_color,
-    find_rgb,
-    palette,
-)
+from geomesh.raster.bands import Band, described_color, find_rgb, palette
 from geomesh.raster.gdal import CACHE_BYTES, BorrowedDataset, close_handles, handles, is_remote
+from geomesh.raster.pixels import Excerpt, Pixels, convert, read_stored
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
+    import rasterio
+    from numpy.typing import NDArray
+
+    from geomesh.parameters import Alpha
     from geomesh.raster.grid import Grid, Window
+    from geomesh.raster.nodata import Number
     from geomesh.raster.pixel_mask import PixelMask
-
-Pixels = tuple[NDArray[Any], NDArray[np.bool_]]
-
-
-@dataclass(frozen=True, eq=False)
-class Excerpt:
-    """A part of a raster as an array in memory, or as a lazy array.
-
-    Parameters
-    ----------
-    array : (B, h, w), which may be masked
-        All bands of `window`: a numpy array, or one that converts to numpy when it is read.
-    window : Window
-    """
-
-    array: Any
-    window: Window
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Pickle the pixels, not a lazy array: another process need not compute them.
-        return Excerpt, (np.asanyarray(self.array), self.window)
-
-    def read(self, window: Window, shape: tuple[int, int] | None, indexes: Sequence[int]) -> Pixels:
-        """Return the bands at `indexes` and the mask of valid pixels in `window`.
-
-        `shape` (rows, columns) decimates them; None keeps all pixels.
-        """
-        rows, cols = window.slices(self.window)
-        if shape is not None:
-            rows, cols = _thin(rows, shape[0]), _thin(cols, shape[1])
-        block = np.asanyarray(self.array[indexes, rows, cols])
-        return np.ma.getdata(block), ~np.any(np.ma.getmaskarray(block), axis=0)
-
-    def cut(self, window: Window) -> Excerpt:
-        """Return the part in `window`. No pixel is copied."""
-        return Excerpt(self.array[:, *window.slices(self.window)], window)
-
-
-def _thin(side: slice, count: int) -> slice:
-    """Return a slice of `count` pixels of a side: the middle one of every n pixels."""
-    step = (side.stop - side.start) // count
-    return slice(side.start + step // 2, side.start + step * count, step)
+    from geomesh.raster.scaling import Scaling
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +46,25 @@ class Scene:
     bands : tuple of Band
         The chosen bands. A palette has three: red, green and blue.
     dtype : numpy.dtype
+        Of the pixels that `read` returns.
     source : str, BorrowedDataset or Excerpt
         The absolute path or URL of a file, the caller's open dataset, or an array.
     size : (int, int)
         Width and height of the whole raster.
-    nodata : float or None
-        Used instead of the file's own nodata value.
+    nodata : int, float or None
+        Used instead of the file's own nodata value. It is a stored value, before `scalings`.
+    alpha : {"mask", "data"}
+        "data": bands tagged as alpha are ordinary bands, and masks hide no pixels.
+    unscale : bool
+        Whether scale and offset were to be applied.
+    scalings : tuple of (float, float)
+        Scale and offset to apply to each band; empty for the stored values.
+    side_files : bool
+        Whether GDAL may read metadata from side files (.aux.xml).
     area : PixelMask or None
         Area of interest. Pixels outside are invalid.
     notes : tuple of str
-        Notes about the georeference, for the user.
+        Notes about the georeference and the values, for the user.
     reading : str
         Unique id of this opening of the raster, the same in every process.
     """
@@ -112,7 +76,11 @@ class Scene:
     dtype: np.dtype[Any]
     source: str | BorrowedDataset | Excerpt
     size: tuple[int, int]
-    nodata: float | None = None
+    nodata: Number | None = None
+    alpha: Alpha = "mask"
+    unscale: bool = False
+    scalings: tuple[Scaling, ...] = ()
+    side_files: bool = True
     area: PixelMask | None = None
     notes: tuple[str, ...] = ()
     reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
@@ -154,13 +122,15 @@ class Scene:
         base = self.window
         there = replace(window, col=window.col + base.col, row=window.row + base.row)
         if isinstance(self.source, Excerpt):
-            bands, valid = self.source.read(there, shape, [band.index - 1 for band in self.bands])
+            indexes = [band.index - 1 for band in self.bands]
+            stored, valid = self.source.read(there, shape, indexes, self.nodata)
+            bands, valid = convert(stored, valid, self.dtype, self.scalings)
         else:
             # Decimated windows do not overlap, so threads need not share blocks. But if the
             # whole scene fits into the cache of one handle, share it: later reads use it too.
             with self.borrow(shared=shape is None or self._fits_cache) as dataset:
                 bands, valid = self._read_dataset(dataset, there, shape)
-        return bands, self._narrowed(bands, valid, there)
+        return bands, self._narrowed(valid, there)
 
     def borrow(self, *, shared: bool = True) -> AbstractContextManager[rasterio.DatasetReader]:
         """Return a context that yields the rasterio dataset, for one thread at a time."""
@@ -168,7 +138,8 @@ class Scene:
             raise TypeError(f"{self.name} is an array, not a dataset")
         if isinstance(self.source, BorrowedDataset):
             return self.source.borrow()
-        return handles(self.reading, self.source, self.size).borrow(shared=shared)
+        pool = handles(self.reading, self.source, self.size, side_files=self.side_files)
+        return pool.borrow(shared=shared)
 
     @property
     def _fits_cache(self) -> bool:
@@ -178,19 +149,12 @@ class Scene:
     def _read_dataset(
         self, dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int] | None
     ) -> Pixels:
-        where = rasterio.windows.Window(window.col, window.row, window.width, window.height)
-        out = {"window": where, "out_shape": shape or window.shape}
         try:
             colors = palette(dataset)
             indexes = [1] if colors is not None else [band.index for band in self.bands]
-            bands = dataset.read(indexes, **out)
-            valid = np.ones(bands.shape[1:], np.bool_)
-            flags = [dataset.mask_flag_enums[index - 1] for index in indexes]
-            if self.nodata is None and any(MaskFlags.all_valid not in each for each in flags):
-                valid = dataset.read_masks(indexes, **out).all(axis=0)
-            alpha = alpha_index(dataset)
-            if alpha is not None:
-                valid &= dataset.read(alpha, **out) > 0
+            stored, valid = read_stored(
+                dataset, window, shape, indexes, nodata=self.nodata, alpha=self.alpha
+            )
         except IndexError as error:
             raise SourceError(
                 f"{self.name} changed while it was read ({one_line(error)}); start again when the "
@@ -205,20 +169,14 @@ class Scene:
                 f"{window.row} to {window.stop_row}: {reason} (GDAL: {one_line(error)})"
             ) from error
         if colors is not None:
-            entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
+            entries = colors[np.clip(stored[0], 0, len(colors) - 1)]
             valid &= entries[..., 3] > 0
             wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
-            bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
-        return bands, valid
+            return np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0)), valid
+        return convert(stored, valid, self.dtype, self.scalings)
 
-    def _narrowed(
-        self, bands: NDArray[Any], valid: NDArray[np.bool_], window: Window
-    ) -> NDArray[np.bool_]:
-        """Mark pixels as invalid: `nodata` values, not finite, or outside the area of interest."""
-        if self.nodata is not None and can_hold(bands.dtype, self.nodata):
-            valid &= (bands != np.array(self.nodata).astype(bands.dtype)).all(axis=0)
-        if bands.dtype.kind == "f":
-            valid &= np.isfinite(bands).all(axis=0)
+    def _narrowed(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
+        """Mark pixels as invalid that are outside the area of interest."""
         if self.area is not None:
             valid &= self.area.read(window, valid.shape)
         return valid
@@ -240,11 +198,3 @@ class Scene:
             ),
             area=area,
         )
-
-
-def can_hold(dtype: np.dtype[Any], value: float) -> bool:
-    """Return whether a pixel of this data type can have the value."""
-    if dtype.kind == "f":
-        return not math.isfinite(value) or abs(value) <= float(np.finfo(dtype).max)
-    limits = np.iinfo(dtype)
-    return value.is_integer() and limits.min <= value <= limits.max

@@ -23,7 +23,8 @@ def open_original(
 ) -> Scene:
     """Return the part of a raster that a mesh covers, opened as when the mesh was made.
 
-    The bands, the nodata value and the area of interest come from the mesh's provenance.
+    The bands, the nodata value, the use of alpha and of scale and offset, and the area of
+    interest come from the mesh's provenance.
 
     Parameters
     ----------
@@ -48,9 +49,11 @@ def open_original(
     if bands is None and made_from is not None:
         # With a palette, the three colours come from one band: use its number once.
         bands = list(dict.fromkeys(band.index for band in made_from.bands))
-    nodata = made_from.nodata if made_from is not None else None
+    values: dict[str, Any] = {}
+    if made_from is not None:
+        values = {name: getattr(made_from, name) for name in ("nodata", "alpha", "unscale")}
     try:
-        scene = open_scene(source, bidx=bands, nodata=nodata, crs=crs)
+        scene = open_scene(source, bidx=bands, crs=crs, **values)
     except BandError as error:
         if bidx is not None:
             raise

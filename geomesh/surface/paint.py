@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from geomesh.arrays.jit import contiguous
+from geomesh.raster.nodata import is_nodata, stored_range
 from geomesh.surface.kernels import paint_linear
 from geomesh.zonal.owners import find_owners
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Floats, Points, Triangles
     from geomesh.raster.grid import Window
+    from geomesh.raster.nodata import Number
 
 Model = Literal["linear", "constant"]
 Fit = Literal["least_squares", "sampled"]
@@ -89,7 +91,7 @@ def check(*, model: str = MODELS[0], fit: str = FITS[0]) -> None:
         raise ValueError(f"fit is {fit!r}: choose {' or '.join(FITS)}")
 
 
-def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDArray[Any]:
+def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: Number | None) -> NDArray[Any]:
     """Return an image in the data type of a raster.
 
     Parameters
@@ -97,9 +99,9 @@ def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDAr
     image : float64 (B, h, w)
     dtype : numpy.dtype
         For integers, values are rounded. Values outside the limits of the type are clipped.
-    nodata : float or None
-        Replaces NaN (0 if None). Any other pixel with exactly this value gets the next
-        value of the type, as GDAL does when it warps.
+    nodata : int, float or None
+        A value of the type. Replaces NaN (0 if None). Any other pixel that equals it gets the
+        next value of the type that does not, as GDAL does when it warps.
     """
     limits = np.finfo(dtype) if dtype.kind == "f" else np.iinfo(dtype)
     least, most = float(limits.min), float(limits.max)
@@ -112,9 +114,10 @@ def to_pixels(image: Floats, dtype: np.dtype[Any], nodata: float | None) -> NDAr
     if nodata is not None:
         reserved = dtype.type(nodata)
         if dtype.kind == "f":
-            other = np.nextafter(reserved, dtype.type(0 if reserved else 1))
+            low, high = stored_range(dtype, nodata) or (reserved, reserved)
+            other = np.nextafter(high if reserved <= 0 else low, dtype.type(0 if reserved else 1))
         else:
             other = reserved + 1 if reserved < limits.max else reserved - 1
-        pixels[pixels == reserved] = other
+        pixels[is_nodata(pixels, nodata)] = other
         pixels[unknown] = reserved
     return pixels

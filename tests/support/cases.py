@@ -38,6 +38,7 @@ NO_CRS = "has no CRS, so the mesh has no CRS either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"
 NO_KEYPOINTS = "no keypoints found .* the outline only"
 FEWER = "of the .* requested nodes: the image has no more keypoints"
+IMPOSSIBLE = "no pixel of .* can have the nodata value"
 NO_HULL = "span no area: the mesh covers the whole frame"
 
 
@@ -332,7 +333,10 @@ SOURCES: dict[str, Case] = {
     "nodata nan declared for bytes": Case(vrt_with_nodata("nan", 0), valid=SIZE),
     **{
         f"--nodata {value:g} of {dtype}": Case(
-            raster(holed(held, dtype)), {"nodata": value}, valid=SIZE - missing
+            raster(holed(held, dtype)),
+            {"nodata": value},
+            warns=(IMPOSSIBLE,) if value in (-1, 300, 0.5, 1e300) else (),
+            valid=SIZE - missing,
         )
         for value, dtype, held, missing in (
             (255, "uint8", 255, 120),
@@ -368,7 +372,9 @@ SOURCES: dict[str, Case] = {
     "half-transparent everywhere": Case(with_alpha(127), valid=SIZE),
     "alpha of 1": Case(with_alpha(np.where(np.arange(COLS) < 16, 0, 1)), valid=ROWS * (COLS - 16)),
     "transparent everywhere": Case(with_alpha(0), refused="no valid pixel"),
-    "alpha as data": Case(with_alpha(255), {"bidx": [4]}, refused="alpha .* leave it out"),
+    "alpha as data": Case(
+        with_alpha(255), {"bidx": [4]}, refused="tagged as alpha, .* leave it out, or"
+    ),
     "one band beside alpha": Case(
         with_alpha(np.where(np.arange(COLS) < 16, 0, 255)),
         {"bidx": [2]},
