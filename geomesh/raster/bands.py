@@ -10,12 +10,17 @@ import numpy as np
 from rasterio.enums import ColorInterp
 
 from geomesh.errors import BandError
+from geomesh.raster.band_names import BandText, name_bands
+from geomesh.raster.band_texts import dataset_texts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import rasterio
     from numpy.typing import NDArray
+
+
+_COLORS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
@@ -30,11 +35,17 @@ class Band:
         Description in the file.
     color : {"red", "green", "blue"} or None
         Colour interpretation in the file.
+    name : str
+        Name of its columns in the tables of a mesh: see `geomesh.raster.band_names`.
+    is_class : bool
+        Whether its values are classes: those of a palette, not measurements.
     """
 
     index: int
     description: str | None
     color: str | None
+    name: str
+    is_class: bool = False
 
 
 def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
@@ -47,7 +58,7 @@ def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
 def described_color(band: Band) -> str | None:
     """Return the colour in the description of a band, as in "B4 red", or None."""
     words = re.findall("[a-z]+", (band.description or "").lower())
-    return next((word for word in words if word in ("red", "green", "blue")), None)
+    return next((word for word in words if word in _COLORS), None)
 
 
 def dataset_bands(
@@ -66,24 +77,46 @@ def dataset_bands(
     dtype = np.result_type(*(np.dtype(dataset.dtypes[index - 1]) for index in indexes))
     _require_real(name, dtype)
     if palette(dataset) is not None:
-        bands = tuple(Band(1, color, color) for color in ("red", "green", "blue"))
+        bands = tuple(Band(1, color, color, color) for color in _COLORS)
         return bands, np.dtype(np.uint8)
-    colors = {c: c.name for c in (ColorInterp.red, ColorInterp.green, ColorInterp.blue)}
-    tagged = zip(dataset.descriptions, map(colors.get, dataset.colorinterp), strict=True)
-    known = [Band(index, *tags) for index, tags in enumerate(tagged, start=1)]
+    known = _known_bands(dataset)
     return tuple(known[index - 1] for index in indexes), dtype
+
+
+def class_band(dataset: rasterio.DatasetReader) -> tuple[Band, np.dtype[Any]] | None:
+    """Return the band of a palette raster and its data type; None for other rasters."""
+    if palette(dataset) is None:
+        return None
+    return _known_bands(dataset)[0], np.dtype(dataset.dtypes[0])
+
+
+def _known_bands(dataset: rasterio.DatasetReader) -> list[Band]:
+    names = name_bands(dataset_texts(dataset))
+    tagged = zip(dataset.descriptions, dataset.colorinterp, dataset.dtypes, names, strict=True)
+    return [
+        Band(
+            index,
+            description,
+            color.name if color.name in _COLORS else None,
+            name,
+            is_class=color == ColorInterp.palette and np.dtype(dtype).kind in "ui",
+        )
+        for index, (description, color, dtype, name) in enumerate(tagged, start=1)
+    ]
 
 
 def array_bands(
     name: str,
     dtype: np.dtype[Any],
     descriptions: Sequence[str | None],
+    texts: Sequence[BandText],
     bidx: Sequence[int] | None,
 ) -> tuple[Band, ...]:
     """Return the chosen bands of an array that has one band for each description."""
     _require_real(name, dtype)
     chosen = _choose(name, bidx, len(descriptions), None)
-    return tuple(Band(index, descriptions[index - 1], None) for index in chosen)
+    names = name_bands(texts)
+    return tuple(Band(k, descriptions[k - 1], None, names[k - 1]) for k in chosen)
 
 
 def _choose(name: str, bidx: Sequence[int] | None, count: int, alpha: int | None) -> list[int]:
@@ -124,6 +157,8 @@ def palette(dataset: rasterio.DatasetReader) -> NDArray[np.uint8] | None:
     """Return the colour table (n, 4) as RGBA of a palette raster of one band, else None."""
     if dataset.count != 1 or dataset.colorinterp[0] != ColorInterp.palette:
         return None
+    if np.dtype(dataset.dtypes[0]).kind not in "ui":
+        return None  # the values cannot be positions in a table
     entries = dataset.colormap(1)
     table = np.zeros((max(entries) + 1, 4), np.uint8)
     for value, rgba in entries.items():

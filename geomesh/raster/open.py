@@ -16,7 +16,8 @@ from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
 from rasterio.vrt import WarpedVRT
 
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
-from geomesh.raster.bands import array_bands, dataset_bands
+from geomesh.raster.band_names import BandText
+from geomesh.raster.bands import array_bands, class_band, dataset_bands
 from geomesh.raster.crop import restrict
 from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
 from geomesh.raster.gdal import BorrowedDataset, open_raster
@@ -127,7 +128,9 @@ def _array_raster(name: str, array: Any, transform: Any) -> ArrayRaster:
 
 def _array_scene(raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | None) -> Scene:
     name, array = raster.name, raster.array
-    bands = array_bands(name, array.dtype, raster.descriptions or (None,) * len(array), bidx)
+    descriptions = raster.descriptions or (None,) * len(array)
+    texts = raster.texts or (BandText(),) * len(array)
+    bands = array_bands(name, array.dtype, descriptions, texts, bidx)
     grid, notes = georeference(name, raster, given)
     source, size = Excerpt(array, grid.extent), (grid.width, grid.height)
     return Scene(
@@ -150,4 +153,7 @@ def _dataset_scene(
     bands, dtype = dataset_bands(name, dataset, bidx)
     grid, notes = georeference(name, dataset, given)
     size = (dataset.width, dataset.height)
-    return Scene(name, grid, grid.extent, bands, dtype, source, size, notes=notes)
+    classes = class_band(dataset)
+    return Scene(
+        *(name, grid, grid.extent, bands, dtype, source, size), class_band=classes, notes=notes
+    )

@@ -101,6 +101,8 @@ class Scene:
         Area of interest, in pixel-edge coordinates of the file. Pixels whose centre is
         outside are invalid. Its coordinates are rounded to the lattice of nodes, so that a
         pixel is inside or outside for every window.
+    class_band : (Band, numpy.dtype) or None
+        The band of a palette, whose values are classes; `classes` returns a scene of it.
     notes : tuple of str
         Notes about the georeference, for the user.
     reading : str
@@ -116,6 +118,7 @@ class Scene:
     size: tuple[int, int]
     nodata: float | None = None
     area: Any = None
+    class_band: tuple[Band, np.dtype[Any]] | None = None
     notes: tuple[str, ...] = ()
     reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
 
@@ -138,6 +141,14 @@ class Scene:
         """
         described = find_rgb([described_color(band) for band in self.bands])
         return self.rgb or described or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
+
+    @property
+    def classes(self) -> Scene:
+        """The scene of the stored classes of a palette; of other rasters, the scene itself."""
+        if self.class_band is None:
+            return self
+        band, dtype = self.class_band
+        return replace(self, bands=(band,), dtype=dtype)
 
     @contextmanager
     def open(self) -> Iterator[Scene]:
@@ -209,8 +220,9 @@ class Scene:
         if colors is not None:
             entries = colors[np.clip(bands[0], 0, len(colors) - 1)]
             valid &= entries[..., 3] > 0
-            wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
-            bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
+            if not self.bands[0].is_class:
+                wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
+                bands = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
         return bands, valid
 
     def _narrowed(
