@@ -135,6 +135,41 @@ def test_descriptions_keep_their_letters_in_any_script(tmp_path, description, na
         assert names_of(path) == [name]
 
 
+@pytest.mark.parametrize(
+    ("encoding", "names"),
+    [("utf-8", ["température", "красный"]), ("cp1252", ["temp_rature", "b2"])],
+)
+def test_descriptions_in_an_old_encoding_keep_what_can_be_read(tmp_path, encoding, names):
+    header = (
+        "ENVI\nsamples = 64\nlines = 48\nbands = 2\ndata type = 1\ninterleave = bsq\n"
+        "byte order = 0\nband names = {Température, "
+    )
+    text = header.encode(encoding)
+    text += "красный}\n".encode("utf-8" if encoding == "utf-8" else "cp1251")
+    (tmp_path / "scene.hdr").write_bytes(text)
+    (tmp_path / "scene.dat").write_bytes(picture(2).tobytes())
+    path = tmp_path / "scene.dat"
+    assert names_of(path) == names
+    with rasterio.open(path) as dataset:
+        assert names_of(dataset) == names
+    mesh = geomesh.mesh_raster(path, nodes=30, statistics=("mean",))
+    assert list(mesh.triangle_table)[1:-1] == [f"{name}_mean" for name in names]
+    mesh.render(path, tmp_path / "shown.tif")
+    mesh.to_file(tmp_path / "mesh.gpkg")
+
+
+def test_units_in_an_old_encoding_do_not_stop_a_picture(tmp_path):
+    write_raster(tmp_path)
+    rasterio.shutil.copy(tmp_path / "scene.tif", tmp_path / "scene.vrt", driver="VRT")
+    text = (tmp_path / "scene.vrt").read_bytes()
+    unit = "<UnitType>°C</UnitType>".encode("cp1252")
+    (tmp_path / "scene.vrt").write_bytes(text.replace(b"<ColorInterp>", unit + b"<ColorInterp>"))
+    mesh = geomesh.mesh_raster(tmp_path / "scene.vrt", nodes=30)
+    mesh.render(tmp_path / "scene.vrt", tmp_path / "shown.tif")
+    with rasterio.open(tmp_path / "shown.tif") as dataset:
+        assert dataset.count == 1
+
+
 def test_a_long_description_is_cut_between_words():
     text = "Surface downwelling shortwave radiation flux in the air above the canopy"
     assert named(text) == ["surface_downwelling_shortwave_radiation"]
@@ -307,6 +342,8 @@ def test_sentinel_bands_are_named_by_their_short_name(tmp_path):
         ([2, 3], {}, ["b2", "b3"]),
         (None, {}, ["b1", "b2"]),
         ([1, 2], {"long_name": ("blue", "green")}, ["blue", "green"]),
+        (np.array([0.443, 0.665], np.float32), {}, ["b0_443", "b0_665"]),
+        ([1577836800.0, 1577923200.0], {}, ["b1577836800", "b1577923200"]),
         ([443, 665], {"long_name": "Reflectance"}, ["reflectance_443", "reflectance_665"]),
         ([-1.5, 2], {"standard_name": "level"}, ["level_m1_5", "level_2"]),
         (

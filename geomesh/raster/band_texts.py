@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import numpy as np
+import rasterio
+import rasterio.shutil
 
 from geomesh.raster.band_names import BandText
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    import rasterio
 
 # Tags with the name of a band, the best one first. GDAL's NetCDF driver writes the last three.
 _NAMES = ("bandname", "long_name", "standard_name", "netcdf_varname")
@@ -20,8 +21,8 @@ _NAMES = ("bandname", "long_name", "standard_name", "netcdf_varname")
 # Names that programs give to a band or a variable without a name.
 _MEANINGLESS = re.compile(r"GDAL Band Number \d+|band_data|__xarray_dataarray_variable__")
 
-# Drivers that open one array of a file, named at the end of the dataset's name.
-_ARRAYS = ("HDF4Image", "HDF5Image", "Zarr")
+# The name of a dataset that is one array of a file: ZARR:"file":/group/name.
+_ARRAY = re.compile(r'(?:HDF4|HDF5|ZARR)\w*:.*[:/]([^:/"]+)"?', re.IGNORECASE)
 
 # What GDAL writes for the element of a message whose parameter it does not know.
 _NO_ELEMENT = ("", "unknown", "reserved", "missing", "undefined")
@@ -35,13 +36,18 @@ _SECONDS = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
 
 def dataset_texts(dataset: rasterio.DatasetReader) -> list[BandText]:
     """Return what a dataset says about each of its bands."""
-    tags, array = dataset.tags(), _array_name(dataset)
+    tags, array = dataset.tags(), _ARRAY.fullmatch(dataset.name)
     return [
         _grib_text(own, description)
         if "GRIB_ELEMENT" in own
         else BandText(
             known_texts(
-                (_tag(own, _NAMES[0]), description, *(_tag(own, key) for key in _NAMES[1:]), array)
+                (
+                    _tag(own, _NAMES[0]),
+                    description,
+                    *(_tag(own, key) for key in _NAMES[1:]),
+                    array and array[1],
+                )
             ),
             tuple(
                 _value(text, tags, name.removeprefix(_DIMENSION))
@@ -50,9 +56,29 @@ def dataset_texts(dataset: rasterio.DatasetReader) -> list[BandText]:
             ),
         )
         for own, description in zip(
-            map(dataset.tags, dataset.indexes), dataset.descriptions, strict=True
+            map(dataset.tags, dataset.indexes), read_descriptions(dataset), strict=True
         )
     ]
+
+
+def read_descriptions(dataset: rasterio.DatasetReader) -> tuple[str | None, ...]:
+    """Return the descriptions of the bands. Bytes that are not UTF-8 become U+FFFD.
+
+    rasterio cannot return descriptions in an old encoding, such as those of some ENVI
+    headers. A VRT of the dataset contains their bytes.
+    """
+    try:
+        descriptions: tuple[str | None, ...] = tuple(dataset.descriptions)
+    except UnicodeDecodeError:
+        with rasterio.MemoryFile(ext=".vrt") as memory:
+            rasterio.shutil.copy(dataset, memory.name, driver="VRT")
+            document = memory.read().decode(errors="replace")
+        try:
+            bands = ElementTree.fromstring(document).findall("VRTRasterBand")
+            descriptions = tuple(band.findtext("Description") for band in bands)
+        except ElementTree.ParseError:  # a control character
+            descriptions = (None,) * dataset.count
+    return descriptions
 
 
 def known_texts(texts: Sequence[str | None]) -> tuple[str, ...]:
@@ -67,20 +93,13 @@ def time_text(time: np.datetime64) -> str:
     return re.sub("[-:]", "", text.removesuffix("T00:00:00").removesuffix(":00"))
 
 
-def number_text(number: float) -> str:
-    """Return a number in words that a name can hold: the sign of a negative one as m."""
-    return f"{number:g}".replace("-", "m", 1) if number < 0 else f"{number:g}"
+def number_text(number: str) -> str:
+    """Return a number without a needless decimal, and with m as its sign if it is negative."""
+    return re.sub("^-", "m", re.sub(r"\.0+$", "", number))
 
 
 def _tag(tags: Mapping[str, str], key: str) -> str | None:
     return next((text for name, text in tags.items() if name.lower() == key), None)
-
-
-def _array_name(dataset: rasterio.DatasetReader) -> str | None:
-    """Return the name of the array that a driver opened in a file of many, or None."""
-    if dataset.driver not in _ARRAYS or ":" not in dataset.name:
-        return None
-    return re.split(r"[:/]", dataset.name.rstrip("/"))[-1].strip('"')
 
 
 def _grib_text(tags: Mapping[str, str], description: str | None) -> BandText:
@@ -115,8 +134,8 @@ def _value(text: str, tags: Mapping[str, str], dimension: str) -> str:
     unit = _SINCE.match(tags.get(f"{dimension}#units", ""))
     calendar = tags.get(f"{dimension}#calendar", "standard")
     if unit is None or calendar.lower() not in _CALENDARS:
-        return number_text(number)
-    return _time_since(number * _SECONDS[unit[1]], unit) or number_text(number)
+        return number_text(text)
+    return _time_since(number * _SECONDS[unit[1]], unit) or number_text(text)
 
 
 def _time_since(seconds: float, unit: re.Match[str]) -> str | None:

@@ -11,7 +11,7 @@ from rasterio.enums import ColorInterp
 
 from geomesh.errors import BandError
 from geomesh.raster.band_names import BandText, name_bands
-from geomesh.raster.band_texts import dataset_texts
+from geomesh.raster.band_texts import dataset_texts, read_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -92,7 +92,8 @@ def class_band(dataset: rasterio.DatasetReader) -> tuple[Band, np.dtype[Any]] | 
 
 def _known_bands(dataset: rasterio.DatasetReader) -> list[Band]:
     names = name_bands(dataset_texts(dataset))
-    tagged = zip(dataset.descriptions, dataset.colorinterp, dataset.dtypes, names, strict=True)
+    descriptions = read_descriptions(dataset)
+    tagged = zip(descriptions, dataset.colorinterp, dataset.dtypes, names, strict=True)
     return [
         Band(
             index,

@@ -92,7 +92,7 @@ def measure_scene(
     workers : Workers
     progress : callable(fraction, message)
     counted : sequence of int
-        Positions of the bands that need majority, variety and median.
+        Positions, in increasing order, of the bands that need majority, variety and median.
     classes : sequence of int
         Positions of the bands of classes, which are not interpolated.
     """

@@ -118,7 +118,8 @@ def measure_tile(
         raise ValueError(f"the core {core} is not inside {window}")
     nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
     valid = contiguous(valid, np.bool_)
-    near = triangles_in_box(nodes, triangles, (core.col, core.stop_col, core.row, core.stop_row))
+    sides = core.col, core.stop_col, core.row, core.stop_row
+    near = triangles_in_box(nodes, triangles, sides)
     pixels, stops = np.zeros((2, len(near)), np.int64)
     members = np.empty(core.width * core.height + 1, np.int32)
     origin = np.array([window.row, window.col])
@@ -129,7 +130,7 @@ def measure_tile(
     points = nodes[held]
     moments, node_values = np.zeros((len(bands), 4, len(near))), np.empty((len(bands), len(held)))
     values = np.empty(valid.size)
-    counts = {}
+    complete, counts = [], []
     for k, (band, found, at_nodes) in enumerate(zip(bands, moments, node_values, strict=True)):
         values.reshape(valid.shape)[:] = band
         find_moments(values, members, stops, found)
@@ -138,10 +139,10 @@ def measure_tile(
         else:
             blend_pixels(points, values, valid, origin, at_nodes)
         if k in counted:
-            counts[k] = count_values(values[members[: stops[-1] if len(stops) else 0]], stops)
-    done = triangles_inside_box(
-        nodes, triangles[near], (core.col, core.stop_col, core.row, core.stop_row)
-    )
+            occurring = count_values(values[members[: count.sum()]], stops)
+            done = triangles_inside_box(nodes, triangles[near], sides)
+            complete.append(order_statistics(occurring.of(done)).renumbered(near))
+            counts.append(occurring.of(~done).renumbered(near))
     without = near[count == 0]
     centroids = nodes[triangles[without]].mean(axis=1)
     inside = _inside(centroids, window, core)
@@ -154,8 +155,8 @@ def measure_tile(
         centroid_values=sample(centroids[inside, 0], centroids[inside, 1], bands, valid, window),
         node_index=held,
         node_values=node_values,
-        complete=tuple(order_statistics(counts[k].of(done)).renumbered(near) for k in counted),
-        counts=tuple(counts[k].of(~done).renumbered(near) for k in counted),
+        complete=tuple(complete),
+        counts=tuple(counts),
     )
 
 

@@ -2,24 +2,29 @@
 
 They need all values of a triangle. A tile finishes the triangles that lie inside it; only for
 triangles that reach into other tiles are the values and their numbers kept until all tiles
-are merged. So the results are exact, and memory does not grow with the image.
+are merged. So the results are exact, and memory grows with the borders between tiles, not with
+the image. Only for triangles as large as tiles it can need 16 bytes for each pixel.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from geomesh.arrays.order import stable_order
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Counts, Floats, Ids
+
+# Entries to merge at a time, unless a single triangle has more.
+_BLOCK = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +35,13 @@ class ValueCounts:
     ----------
     triangle : int32 (R,)
     value : float64 (R,)
-    count : int64 (R,)
+    count : int32 or int64 (R,)
         Number of pixels of the triangle with that value.
     """
 
     triangle: Ids
     value: Floats
-    count: Counts
+    count: NDArray[np.signedinteger[Any]]
 
     def of(self, wanted: NDArray[np.bool_]) -> ValueCounts:
         """Return the entries of the triangles for which `wanted` (T,) is true."""
@@ -85,24 +90,41 @@ def count_values(values: Floats, stops: Counts) -> ValueCounts:
         Where the values of each triangle end.
     """
     triangle = np.repeat(np.arange(len(stops), dtype=np.int32), np.diff(stops, prepend=0))
-    return _combine(triangle, values, np.ones(len(values), np.int64), len(stops))
+    found = _combine(triangle, values, np.ones(len(values), np.int32), len(stops))
+    return replace(found, count=found.count.astype(np.int32))  # a tile has fewer pixels than that
 
 
-def merge_counts(parts: Sequence[ValueCounts], n_triangles: int) -> ValueCounts:
-    """Return the counts of several tiles as one."""
-    columns = [(part.triangle, part.value, part.count) for part in parts]
-    triangle, value, count = (np.concatenate(column) for column in zip(*columns, strict=True))
-    return _combine(triangle, value, count, n_triangles)
+def merge_counts(parts: Sequence[ValueCounts], n_triangles: int) -> Iterator[ValueCounts]:
+    """Yield the counts of several tiles as one, some triangles at a time to save memory."""
+    sizes = np.zeros(n_triangles, np.int64)
+    for part in parts:
+        triangle, size = np.unique(part.triangle, return_counts=True)
+        sizes[triangle] += size
+    blocks = np.cumsum(sizes) // _BLOCK
+    starts = np.flatnonzero(np.diff(blocks, prepend=0)).tolist()
+    for start, stop in pairwise((0, *starts, n_triangles)):
+        found = []
+        for part in parts:
+            first, last = np.searchsorted(part.triangle, (start, stop))
+            if first < last:
+                k = slice(first, last)
+                found.append((part.triangle[k] - start, part.value[k], part.count[k]))
+        if found:
+            triangle, value, count = map(np.concatenate, zip(*found, strict=True))
+            ids = np.arange(start, stop, dtype=np.int32)
+            yield _combine(triangle, value, count, stop - start).renumbered(ids)
 
 
-def _combine(triangle: Ids, value: Floats, count: Counts, n_triangles: int) -> ValueCounts:
+def _combine(
+    triangle: Ids, value: Floats, count: NDArray[np.signedinteger[Any]], n_triangles: int
+) -> ValueCounts:
     by_value = np.argsort(value)
     order = by_value[stable_order(triangle[by_value], n_triangles)]
     triangle, value = triangle[order], value[order]
     first = np.ones(len(value), np.bool_)
     first[1:] = (np.diff(triangle) != 0) | (value[1:] != value[:-1])
     starts = np.flatnonzero(first)
-    total = np.add.reduceat(count[order], starts) if len(starts) else count
+    total = np.add.reduceat(count[order], starts, dtype=np.int64) if len(starts) else count
     # Adding 0 turns -0 into 0: which of the two comes first depends on the tiles.
     return ValueCounts(triangle[starts], value[starts] + 0.0, total)
 
@@ -118,8 +140,8 @@ def order_statistics(counts: ValueCounts) -> OrderStatistics:
     # The first entry of each triangle that has the largest count: its value is the lowest.
     modes = np.flatnonzero(counts.count == np.repeat(most, variety))
     modes = modes[np.unique(counts.triangle[modes], return_index=True)[1]]
-    ends = np.cumsum(counts.count)
-    total = np.add.reduceat(counts.count, starts)
+    ends = np.cumsum(counts.count, dtype=np.int64)
+    total = np.add.reduceat(counts.count, starts, dtype=np.int64)
     before = ends[starts] - counts.count[starts]
     # Pixel k of all, in sorted order, is in the first entry that ends after k.
     low = counts.value[np.searchsorted(ends, before + (total - 1) // 2, side="right")]
@@ -171,9 +193,9 @@ class OrderTotals:
             The triangles without a valid pixel.
         """
         for band, parts in enumerate(self.pending):
-            if parts:
-                self._put(band, order_statistics(merge_counts(parts, self.variety.shape[1])))
-                parts.clear()
+            for counts in merge_counts(parts, self.variety.shape[1]):
+                self._put(band, order_statistics(counts))
+            parts.clear()
         for result in (self.majority, self.median):
             result[:, none] = centroid[:, none]
         self.variety[:, none] = ~np.isnan(centroid[:, none])
