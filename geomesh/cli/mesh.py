@@ -51,7 +51,8 @@ class _Plan:
     "statistics",
     callback=words(STATISTICS),
     metavar="STAT,...",
-    help="What to compute for each triangle and band: mean, std, min, max. Default: all.",
+    help="What to compute for each triangle and band: mean, std, min, max, median, majority, "
+    "variety. Default: the first four; for the classes of a palette majority and variety.",
 )
 @click.option(
     "--workers",

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Triangles
+    from geomesh.arrays.types import Floats, Triangles
     from geomesh.parallel.workers import Workers
     from geomesh.raster.grid import Grid
     from geomesh.raster.scene import Scene
@@ -107,18 +107,16 @@ def mesh_scene(
         )
         if shaped is not None:
             shaped(mesh)
-        statistics = zonal.measure_scene(
-            mesh.nodes, mesh.triangles, scene, workers, part_of(progress, 0.8, 1)
-        )
+        statistics, means = _measure(mesh, scene, recipe, workers, part_of(progress, 0.8, 1))
     _warn(nodes.notes)
-    names = columns.band_names([band.description for band in scene.bands])
+    bands = scene.classes.bands
     return replace(
         mesh,
-        node_table=mesh.node_table.with_columns(columns.node_columns(statistics, names)),
+        node_table=mesh.node_table.with_columns(columns.node_columns(statistics, bands)),
         triangle_table=Table(
             {
-                **columns.triangle_columns(statistics, names, recipe.statistics),
-                "color": _colors(statistics.mean, scene, tone),
+                **columns.triangle_columns(statistics, bands, recipe.statistics),
+                "color": _colors(means, scene, tone),
             }
         ),
         provenance=Provenance(
@@ -136,6 +134,26 @@ def mesh_scene(
     )
 
 
+def _measure(
+    mesh: TriangleMesh, scene: Scene, recipe: Recipe, workers: Workers, progress: Progress
+) -> tuple[zonal.Statistics, Floats]:
+    """Return the statistics of the triangles, and the means (B, T) of the bands of `scene`.
+
+    The statistics of a palette are those of its classes; the means are those of its colours.
+    """
+    measured = scene.classes
+    more = progress if measured is scene else part_of(progress, 0, 0.5)
+    statistics = zonal.measure_scene(
+        *(mesh.nodes, mesh.triangles, measured, workers, more),
+        counted=columns.counted_bands(measured.bands, recipe.statistics),
+        classes=[k for k, band in enumerate(measured.bands) if band.is_class],
+    )
+    if measured is scene:
+        return statistics, statistics.mean
+    more = part_of(progress, 0.5, 1)
+    return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
+
+
 def _load_later_stages(compiling: Callable[[], None]) -> None:
     """Import libraries and load kernels of the later stages, in parallel with the detection.
 
@@ -150,13 +168,11 @@ def _load_later_stages(compiling: Callable[[], None]) -> None:
 def source_of(scene: Scene) -> SourceRaster:
     """Return the information needed to read the same pixels again."""
     window = scene.window
-    names = columns.band_names([band.description for band in scene.bands])
     return SourceRaster(
         name=scene.name,
         window=(window.col, window.row, window.width, window.height),
         bands=tuple(
-            SourceBand(name, band.index, band.description)
-            for name, band in zip(names, scene.bands, strict=True)
+            SourceBand(band.name, band.index, band.description) for band in scene.classes.bands
         ),
         nodata=scene.nodata,
         alpha=scene.alpha,

@@ -17,7 +17,8 @@ from rasterio.vrt import WarpedVRT
 
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.parameters import ALPHA, Alpha
-from geomesh.raster.bands import array_bands, dataset_bands, palette
+from geomesh.raster.band_names import BandText
+from geomesh.raster.bands import array_bands, class_band, dataset_bands, palette
 from geomesh.raster.crop import restrict
 from geomesh.raster.crs import to_pyproj
 from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
@@ -162,7 +163,9 @@ def _array_scene(
     raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | None, values: _Values
 ) -> Scene:
     name, array = raster.name, raster.array
-    bands = array_bands(name, array.dtype, raster.descriptions or (None,) * len(array), bidx)
+    descriptions = raster.descriptions or (None,) * len(array)
+    texts = raster.texts or (BandText(),) * len(array)
+    bands = array_bands(name, array.dtype, descriptions, texts, bidx)
     indexes = [band.index for band in bands]
     scalings, on_scale = choose_scalings(
         name, raster.scalings or (PLAIN,) * len(array), indexes, unscale=values.unscale
@@ -240,6 +243,7 @@ def _dataset_scene(
         SCALED if scalings else dtype,
         source,
         (dataset.width, dataset.height),
+        class_band=class_band(dataset),
         nodata=values.nodata,
         alpha=values.alpha,
         unscale=values.unscale,

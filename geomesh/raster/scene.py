@@ -63,6 +63,8 @@ class Scene:
         Whether GDAL may read metadata from side files (.aux.xml).
     area : PixelMask or None
         Area of interest. Pixels outside are invalid.
+    class_band : (Band, numpy.dtype) or None
+        The band of a palette, whose values are classes; `classes` returns a scene of it.
     notes : tuple of str
         Notes about the georeference and the values, for the user.
     reading : str
@@ -82,6 +84,7 @@ class Scene:
     scalings: tuple[Scaling, ...] = ()
     side_files: bool = True
     area: PixelMask | None = None
+    class_band: tuple[Band, np.dtype[Any]] | None = None
     notes: tuple[str, ...] = ()
     reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
 
@@ -104,6 +107,14 @@ class Scene:
         """
         described = find_rgb([described_color(band) for band in self.bands])
         return self.rgb or described or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
+
+    @property
+    def classes(self) -> Scene:
+        """The scene of the stored classes of a palette; of other rasters, the scene itself."""
+        if self.class_band is None:
+            return self
+        band, dtype = self.class_band
+        return replace(self, bands=(band,), dtype=dtype)
 
     @contextmanager
     def open(self) -> Iterator[Scene]:
@@ -171,6 +182,8 @@ class Scene:
         if colors is not None:
             entries = colors[np.clip(stored[0], 0, len(colors) - 1)]
             valid &= entries[..., 3] > 0
+            if self.bands[0].is_class:
+                return convert(stored, valid, self.dtype, ())
             wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
             return np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0)), valid
         return convert(stored, valid, self.dtype, self.scalings)

@@ -145,16 +145,16 @@ def explore(
     attributes = mesh.attributes("triangles")
     if column not in attributes:
         raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
-    means = [name for name in attributes if name.endswith("_mean")][:_MOST_BANDS]
-    tooltip = ["id", "area", *means]
+    shown = [name for name in attributes if name.endswith(("_mean", "_majority"))][:_MOST_BANDS]
+    tooltip = ["id", "area", *shown]
     filled: dict[str, Any] = {"column": column}
     if column == "color":
         filled = {"color": format_colors(brightened(parse_colors(attributes["color"])))}
     elif column not in tooltip:
         tooltip.append(column)
-    shown = {"tooltip": tooltip, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
+    style = {"tooltip": tooltip, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
     frame = _on_earth(mesh)[[*tooltip, "geometry"]]
-    return frame.explore(**{**shown, **filled, **options})
+    return frame.explore(**{**style, **filled, **options})
 
 
 def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
