@@ -13,7 +13,7 @@ from affine import Affine
 from geomesh.errors import GeoreferenceError, SourceError, extra_required, one_line
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.nodata import Number, parse_nodata
-from geomesh.raster.scaling import Scaling, band_labels, read_scalings
+from geomesh.raster.scaling import Scaling, read_scalings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -211,11 +211,12 @@ def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
     rioxarray numbers the bands of a file from 1 and keeps all descriptions. So the number
     of a band gives its description, even after some bands were selected.
     """
-    labels = band_labels(source, dimension)
+    count = 1 if dimension is None else source.sizes[dimension]
+    coordinate = source.coords.get("band" if dimension is None else dimension)
+    labels = np.arange(1, count + 1) if coordinate is None else np.atleast_1d(coordinate.values)
     if labels.dtype.kind in "UO":
         return tuple(map(str, labels))
     stored = source.attrs.get("long_name", ())
-    count = len(labels)
     names = (stored,) * (count == 1) if isinstance(stored, str) else tuple(stored)
     if labels.dtype.kind not in "iu" or labels.min() < 1 or labels.max() > len(names):
         return (None,) * count

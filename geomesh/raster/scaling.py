@@ -92,22 +92,13 @@ def apply_scalings(
     return bands
 
 
-def band_labels(source: DataArray, dimension: Any) -> NDArray[Any]:
-    """Return the coordinates of the bands; by default 1, 2, ..."""
-    coordinate = source.coords.get("band" if dimension is None else dimension)
-    if coordinate is not None:
-        return np.atleast_1d(coordinate.values)
-    count = 1 if dimension is None else source.sizes[dimension]
-    return np.arange(1, count + 1)
-
-
 def read_scalings(name: str, source: DataArray, dimension: Any) -> tuple[Scaling, ...]:
     """Return the scale and offset of each band.
 
     They are attributes of stored values. Of scaled values, xarray and rioxarray keep them
     elsewhere, as an encoding.
     """
-    labels, columns = band_labels(source, dimension), []
+    labels, columns = _labels(source, dimension), []
     for single, several, plain in zip(
         ("scale_factor", "add_offset"), ("scales", "offsets"), PLAIN, strict=True
     ):
@@ -124,3 +115,11 @@ def read_scalings(name: str, source: DataArray, dimension: Any) -> tuple[Scaling
             ) from error
         columns.append(given.tolist() if len(given) == len(labels) else [plain] * len(labels))
     return tuple(zip(*columns, strict=True))
+
+
+def _labels(source: DataArray, dimension: Any) -> NDArray[Any]:
+    """Return the numbers of the bands in the file, as rioxarray keeps them; else 1, 2, ..."""
+    key = "band" if dimension is None else dimension
+    if key in source.coords:  # coords.get() would number bands without labels from 0
+        return np.atleast_1d(source.coords[key].values)
+    return np.arange(1, 2 if dimension is None else source.sizes[dimension] + 1)

@@ -152,7 +152,7 @@ class Scene:
         self, dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int] | None
     ) -> Pixels:
         try:
-            colors = palette(dataset)
+            colors = palette(dataset, alpha=self.alpha, nodata=self.nodata)
             indexes = [1] if colors is not None else [band.index for band in self.bands]
             stored, valid = read_stored(
                 dataset, window, shape, indexes, nodata=self.nodata, alpha=self.alpha
@@ -174,7 +174,7 @@ class Scene:
             entries = colors[np.clip(stored[0], 0, len(colors) - 1)]
             valid &= entries[..., 3] > 0
             wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
-            return np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0)), valid
+            stored = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
         return convert(stored, valid, self.dtype, self.scalings)
 
     def _narrowed(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
