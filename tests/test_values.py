@@ -15,7 +15,7 @@ from rasterio.enums import ColorInterp
 from rasterio.vrt import WarpedVRT
 
 import geomesh
-from geomesh.errors import BandError, GeomeshWarning
+from geomesh.errors import BandError, GeomeshWarning, SourceError
 from geomesh.mesh.provenance import Provenance
 from geomesh.raster.nodata import is_nodata, parse_nodata, stored_range, stored_value
 from geomesh.raster.open import open_scene
@@ -302,6 +302,9 @@ def test_nan_is_never_valid_whatever_the_nodata_value(tmp_path):
         assert (~valid).sum() == hidden * COLS
 
 
+PNG = {"width": COLS, "height": ROWS, "count": 1, "dtype": "uint8"}
+
+
 def palette_raster(folder: Path, **options: Any) -> tuple[str, np.ndarray]:
     classes = np.array([0, 10, 20, 80], "u1")[np.digitize(picture(), [60, 80, 100])]
     colors = {0: (0, 0, 0, 255), 10: (0, 100, 0, 255), 20: (255, 187, 0, 255), 80: (0, 9, 20, 255)}
@@ -319,6 +322,28 @@ def test_nodata_of_a_palette_is_a_class_not_a_colour(tmp_path, value, by):
     path, classes = palette_raster(tmp_path, **own)
     _, valid = read(path, **given)
     np.testing.assert_array_equal(valid, classes != value)
+
+
+def test_the_colour_that_gdal_makes_transparent_for_nodata_returns_with_another_value(tmp_path):
+    path, classes = palette_raster(tmp_path, nodata=10)
+    with rasterio.open(path) as dataset:
+        assert dataset.colormap(1)[10][3] == 0
+    np.testing.assert_array_equal(read(path, nodata=20)[1], classes != 20)
+    assert read(path, nodata=math.nan)[1].all()
+
+
+def test_transparent_colours_hide_pixels_unless_alpha_is_data(tmp_path):
+    path, classes = palette_raster(tmp_path)
+    with rasterio.open(path) as dataset:
+        table = dataset.colormap(1) | {20: (1, 2, 3, 0), 80: (1, 2, 3, 0)}
+    path = str(tmp_path / "scene.png")
+    with rasterio.open(path, "w", driver="PNG", **PNG) as dataset:
+        dataset.write(classes, 1)
+        dataset.write_colormap(1, table)
+    for nodata in (None, 0):
+        shown = (classes < 20) & (classes != nodata)
+        np.testing.assert_array_equal(read(path, nodata=nodata)[1], shown)
+    assert read(path, alpha="data")[1].all()
 
 
 def masked_sources(folder: Path) -> dict[str, str]:
@@ -463,6 +488,20 @@ def test_packed_values_of_netcdf_are_scaled(tmp_path):
             bands, valid = read(raster, unscale=scaled)
         assert valid.sum() == (picture() != 1).sum()
         np.testing.assert_allclose(bands[:, valid], (picture() * 0.01 + 273.15)[:, valid])
+
+
+def test_bands_without_numbers_have_the_scales_of_their_positions():
+    array = xarray.DataArray(picture(2).astype("i2"), dims=("band", "y", "x"))
+    array.attrs = {"scales": (2, 3), "offsets": (1, 0)}
+    array = array.rio.write_transform(NORTH_UP).rio.write_crs(UTM)
+    bands, _ = read(array, unscale=True)
+    np.testing.assert_array_equal(bands, picture(2) * [[[2.0]], [[3.0]]] + [[[1]], [[0]]])
+
+
+def test_a_scale_of_a_dataarray_that_is_no_number_is_refused():
+    array = xarray.DataArray(picture()[0], dims=("y", "x"), attrs={"scale_factor": "a tenth"})
+    with pytest.raises(SourceError, match=r"invalid scale or offset .* scale_factor and scales"):
+        open_scene(array.rio.write_transform(NORTH_UP).rio.write_crs(UTM))
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(0, 0), (np.nan, 0), (1, np.nan), (np.inf, 0)])

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geomesh.parameters import Alpha
+    from geomesh.raster.nodata import Number
 
 
 _COLORS = ("red", "green", "blue")
@@ -185,8 +186,14 @@ def alpha_indexes(dataset: rasterio.DatasetReader, alpha: Alpha = "mask") -> tup
     return tagged if alpha == "mask" and len(tagged) < dataset.count else ()
 
 
-def palette(dataset: rasterio.DatasetReader) -> NDArray[np.uint8] | None:
-    """Return the colour table (n, 4) as RGBA of a palette raster of one band, else None."""
+def palette(
+    dataset: rasterio.DatasetReader, *, alpha: Alpha = "mask", nodata: Number | None = None
+) -> NDArray[np.uint8] | None:
+    """Return the colour table (n, 4) as RGBA of a palette raster of one band, else None.
+
+    No entry is transparent if `alpha` is "data". GDAL makes the entry of the file's own nodata
+    value transparent; it is not, if `nodata` replaces that value.
+    """
     if dataset.count != 1 or dataset.colorinterp[0] != ColorInterp.palette:
         return None
     if np.dtype(dataset.dtypes[0]).kind not in "ui":  # only whole numbers are classes
@@ -195,4 +202,8 @@ def palette(dataset: rasterio.DatasetReader) -> NDArray[np.uint8] | None:
     table = np.zeros((max(entries) + 1, 4), np.uint8)
     for value, rgba in entries.items():
         table[value] = rgba
+    if alpha == "data":
+        table[:, 3] = 255
+    elif nodata is not None and dataset.nodata in entries:
+        table[int(dataset.nodata), 3] = 255
     return table

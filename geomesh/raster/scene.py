@@ -161,7 +161,7 @@ class Scene:
         self, dataset: rasterio.DatasetReader, window: Window, shape: tuple[int, int] | None
     ) -> Pixels:
         try:
-            colors = palette(dataset)
+            colors = palette(dataset, alpha=self.alpha, nodata=self.nodata)
             indexes = [1] if colors is not None else [band.index for band in self.bands]
             stored, valid = read_stored(
                 dataset, window, shape, indexes, nodata=self.nodata, alpha=self.alpha
@@ -185,7 +185,7 @@ class Scene:
             if self.bands[0].is_class:
                 return convert(stored, valid, self.dtype, ())
             wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
-            return np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0)), valid
+            stored = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
         return convert(stored, valid, self.dtype, self.scalings)
 
     def _narrowed(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
