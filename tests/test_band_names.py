@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import unicodedata
 from typing import TYPE_CHECKING, Any
 
@@ -139,7 +140,7 @@ def test_descriptions_keep_their_letters_in_any_script(tmp_path, description, na
     ("encoding", "names"),
     [("utf-8", ["température", "красный"]), ("cp1252", ["temp_rature", "b2"])],
 )
-def test_descriptions_in_an_old_encoding_keep_what_can_be_read(tmp_path, encoding, names):
+def test_descriptions_in_an_old_encoding_keep_what_can_be_read(command, tmp_path, encoding, names):
     header = (
         "ENVI\nsamples = 64\nlines = 48\nbands = 2\ndata type = 1\ninterleave = bsq\n"
         "byte order = 0\nband names = {Température, "
@@ -156,14 +157,17 @@ def test_descriptions_in_an_old_encoding_keep_what_can_be_read(tmp_path, encodin
     assert list(mesh.triangle_table)[1:-1] == [f"{name}_mean" for name in names]
     mesh.render(path, tmp_path / "shown.tif")
     mesh.to_file(tmp_path / "mesh.gpkg")
+    shown = json.loads(command("info", path, "--json").out)["bands"]
+    assert [band["name"] for band in shown] == names
 
 
-def test_units_in_an_old_encoding_do_not_stop_a_picture(tmp_path):
+def test_units_in_an_old_encoding_stop_nothing(command, tmp_path):
     write_raster(tmp_path)
     rasterio.shutil.copy(tmp_path / "scene.tif", tmp_path / "scene.vrt", driver="VRT")
     text = (tmp_path / "scene.vrt").read_bytes()
     unit = "<UnitType>°C</UnitType>".encode("cp1252")
     (tmp_path / "scene.vrt").write_bytes(text.replace(b"<ColorInterp>", unit + b"<ColorInterp>"))
+    assert "unit \ufffdC" in command("info", tmp_path / "scene.vrt").out
     mesh = geomesh.mesh_raster(tmp_path / "scene.vrt", nodes=30)
     mesh.render(tmp_path / "scene.vrt", tmp_path / "shown.tif")
     with rasterio.open(tmp_path / "shown.tif") as dataset:

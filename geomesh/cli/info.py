@@ -16,6 +16,7 @@ from geomesh.cli.console import guarded, open_console, spell
 if TYPE_CHECKING:
     import rasterio
 
+    from geomesh.raster.bands import Band
     from geomesh.raster.scene import Scene
 
 # Files of overviews, masks and metadata that GDAL finds beside a raster.
@@ -116,8 +117,8 @@ def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]
     from geomesh.raster.pixels import masked_bands
 
     with scene.borrow() as dataset:
-        indexes = list(dict.fromkeys(band.index for band in scene.bands))
-        bands = [_describe_band(dataset, index) for index in indexes]
+        indexes = [band.index for band in scene.classes.bands]
+        bands = [_describe_band(dataset, band) for band in scene.classes.bands]
         alphas = alpha_indexes(dataset, scene.alpha)
         masked = masked_bands(dataset, indexes, alpha=scene.alpha)
         facts = {
@@ -138,14 +139,16 @@ def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]
     return bands, facts
 
 
-def _describe_band(dataset: rasterio.DatasetReader, index: int) -> dict[str, Any]:
+def _describe_band(dataset: rasterio.DatasetReader, band: Band) -> dict[str, Any]:
+    from geomesh.raster.band_texts import read_units
     from geomesh.raster.scaling import PLAIN
 
-    k = index - 1
-    nodata = dataset.nodatavals[k]
+    k = band.index - 1
+    nodata, unit = dataset.nodatavals[k], read_units(dataset)[k]
     facts = {
-        "index": index,
-        "description": dataset.descriptions[k],
+        "index": band.index,
+        "name": band.name,
+        "description": band.description,
         "color": dataset.colorinterp[k].name,
         "dtype": dataset.dtypes[k],
         # As text if JSON has no such number.
@@ -153,7 +156,7 @@ def _describe_band(dataset: rasterio.DatasetReader, index: int) -> dict[str, Any
     }
     if (dataset.scales[k], dataset.offsets[k]) != PLAIN:
         facts |= {"scale": dataset.scales[k], "offset": dataset.offsets[k]}
-    return facts | ({"unit": dataset.units[k]} if dataset.units[k] else {})
+    return facts | ({"unit": unit} if unit else {})
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:

@@ -62,23 +62,34 @@ def dataset_texts(dataset: rasterio.DatasetReader) -> list[BandText]:
 
 
 def read_descriptions(dataset: rasterio.DatasetReader) -> tuple[str | None, ...]:
-    """Return the descriptions of the bands. Bytes that are not UTF-8 become U+FFFD.
-
-    rasterio cannot return descriptions in an old encoding, such as those of some ENVI
-    headers. A VRT of the dataset contains their bytes.
-    """
+    """Return the descriptions of the bands. Bytes that are not UTF-8 become U+FFFD."""
     try:
-        descriptions: tuple[str | None, ...] = tuple(dataset.descriptions)
+        return tuple(dataset.descriptions)
     except UnicodeDecodeError:
-        with rasterio.MemoryFile(ext=".vrt") as memory:
-            rasterio.shutil.copy(dataset, memory.name, driver="VRT")
-            document = memory.read().decode(errors="replace")
-        try:
-            bands = ElementTree.fromstring(document).findall("VRTRasterBand")
-            descriptions = tuple(band.findtext("Description") for band in bands)
-        except ElementTree.ParseError:  # a control character
-            descriptions = (None,) * dataset.count
-    return descriptions
+        return _read_in_vrt(dataset, "Description")
+
+
+def read_units(dataset: rasterio.DatasetReader) -> tuple[str | None, ...]:
+    """Return the units of the bands. Bytes that are not UTF-8 become U+FFFD."""
+    try:
+        return tuple(dataset.units)
+    except UnicodeDecodeError:
+        return _read_in_vrt(dataset, "UnitType")
+
+
+def _read_in_vrt(dataset: rasterio.DatasetReader, element: str) -> tuple[str | None, ...]:
+    """Return a text of each band from a VRT of the dataset, which contains its bytes.
+
+    rasterio cannot return texts in an old encoding, such as those of some ENVI headers.
+    """
+    with rasterio.MemoryFile(ext=".vrt") as memory:
+        rasterio.shutil.copy(dataset, memory.name, driver="VRT")
+        document = memory.read().decode(errors="replace")
+    try:
+        bands = ElementTree.fromstring(document).findall("VRTRasterBand")
+    except ElementTree.ParseError:  # a control character
+        return (None,) * int(dataset.count)
+    return tuple(band.findtext(element) for band in bands)
 
 
 def known_texts(texts: Sequence[str | None]) -> tuple[str, ...]:
