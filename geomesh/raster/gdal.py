@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 _CACHE = "GDAL_CACHEMAX"
 CACHE_BYTES = 256_000_000
 
+# Without it GDAL drops the datum shift in a GeoTIFF whose datum has a code.
+_STRIP_SHIFT = "OSR_STRIP_TOWGS84"
+
 # One handle on a local file is enough for this many cores; see Handles.borrow.
 _CORES_A_HANDLE = 8
 
@@ -192,7 +195,8 @@ def close_handles(reading: str) -> None:
 def open_raster(name: str) -> rasterio.DatasetReader:
     """Open a raster by path or URL. Raise SourceError with one line if that fails."""
     try:
-        with _lock, warnings.catch_warnings():  # warning filters are shared by all threads
+        # Warning filters and GDAL's settings are shared by all threads.
+        with _lock, warnings.catch_warnings(), _own_shifts():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             return rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:
@@ -203,6 +207,17 @@ def open_raster(name: str) -> rasterio.DatasetReader:
         elif not is_remote(name) and path.is_dir():
             reason = "is a folder; name the raster files in it"
         raise SourceError(f"{name}: {reason}") from error
+
+
+@contextmanager
+def _own_shifts() -> Iterator[None]:
+    before = get_gdal_config(_STRIP_SHIFT, normalize=False)
+    set_gdal_config(_STRIP_SHIFT, "NO", normalize=False)
+    try:
+        yield
+    finally:
+        # "YES" is the default, and there is no public way to unset it.
+        set_gdal_config(_STRIP_SHIFT, before or "YES", normalize=False)
 
 
 def is_remote(name: str) -> bool:
