@@ -289,7 +289,7 @@ def test_triangle_that_spans_the_world_is_no_antimeridian_case(tmp_path: Path) -
         ),
         (
             Grid(50, 40, Affine(1, 0, 0, 0, -1, 95), CRS("EPSG:4326")),
-            "nodes lie beyond a pole: mesh the raster again with `bounds` 0 55 50 90, or write .gpkg",
+            "lie beyond a pole: mesh the raster again with `bounds` 0 55 50 90, or write .gpkg",
         ),
     ],
     ids=["no CRS", "Mars", "local", "geostationary", "beyond the pole"],

@@ -37,8 +37,8 @@ def write_by_gdal(
     dataset_options, layer_options : mapping of str to str, optional
         GDAL's creation options.
     """
+    from geomesh.formats.crs_text import portable_wkt
     from geomesh.formats.document import KEY
-    from geomesh.raster.crs import portable_wkt
 
     crs, geometry = file.mesh.grid.crs, file.format.geometry
     description = (

@@ -88,7 +88,7 @@ def is_lonlat(crs: CRS | None) -> bool:
     if crs is None:
         return False
     plain = horizontal(crs)
-    return bool(plain.is_geographic and not plain.is_derived) and is_on_earth(plain)
+    return bool(plain.is_geographic) and not is_rotated(plain) and is_on_earth(plain)
 
 
 def is_on_earth(crs: CRS) -> bool:
@@ -104,6 +104,12 @@ def has_angles(crs: CRS) -> bool:
     """Return whether x and y are angles: of any planet, of a rotated pole too."""
     plain = horizontal(crs)
     return bool(plain.is_geographic) or _is_planetocentric(plain)
+
+
+def is_rotated(crs: CRS) -> bool:
+    """Return whether x and y are angles of a grid with poles of its own."""
+    plain = horizontal(crs)
+    return bool(plain.is_geographic and plain.is_derived)
 
 
 def is_of_map(crs: CRS) -> bool:
@@ -133,7 +139,7 @@ def to_geodetic(crs: CRS) -> Callable[[NDArray[np.float64]], NDArray[np.float64]
             return np.stack([angles[..., 0], np.arctan(squares * np.tan(angles[..., 1]))], axis=-1)
 
         return convert
-    if not plain.is_derived or plain.source_crs is None:
+    if not is_rotated(plain) or plain.source_crs is None:
         return None
     unit, base_unit = (
         each.axis_info[0].unit_conversion_factor for each in (plain, plain.source_crs)
@@ -168,24 +174,14 @@ def crs_label(crs: CRS | None) -> str:
     code = _own_code(crs)
     if code:
         return ":".join(code)
-    return "an unnamed CRS" if crs.name.lower() in _NAMELESS else crs.name
+    if crs.name.lower() not in _NAMELESS:
+        return str(crs.name)
+    made = crs.coordinate_operation
+    return f"an unnamed CRS ({made.method_name if made is not None else crs.type_name})"
 
 
-def portable_wkt(crs: CRS) -> str:
-    """Return the WKT2 of a CRS, with its code only where the code says it all.
-
-    Of a CRS with a code GDAL writes little more than the code. So another program, or pyproj
-    itself, would not find a code that its database lacks, and would lose a datum shift.
-    """
-    definition = crs.to_json_dict()
-    named = definition.get("source_crs", {}) if crs.is_bound else definition
-    if "id" in named and (crs.is_bound or not _is_known(crs)):
-        del named["id"]
-        crs = CRS.from_json_dict(definition)
-    return crs.to_wkt()
-
-
-def _is_known(crs: CRS) -> bool:
+def is_known(crs: CRS) -> bool:
+    """Return whether the code of a CRS says it all, to pyproj at least."""
     coded = _by_code(crs)
     return coded is not None and same_crs(crs, coded)
 
