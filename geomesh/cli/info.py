@@ -61,6 +61,7 @@ def _describe_mesh(path: str) -> dict[str, Any]:
     from pyproj import CRS
 
     from geomesh.io.read import read_document
+    from geomesh.raster.crs import crs_label
 
     document = read_document(path)
     stored = document.pop("mesh")
@@ -68,7 +69,7 @@ def _describe_mesh(path: str) -> dict[str, Any]:
     return {
         "mesh": str(path),
         **stored["counts"],
-        "crs": CRS.from_wkt(grid["crs"]).to_string() if grid["crs"] else None,
+        "crs": crs_label(CRS.from_wkt(grid["crs"])) if grid["crs"] else None,
         "raster_size": [grid["width"], grid["height"]],
         "plane_size": stored["plane_size"],
         "domain": stored["domain"],
@@ -86,6 +87,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.parallel.workers import open_workers
     from geomesh.raster.alpha import note_on_alpha
+    from geomesh.raster.crs import crs_label
     from geomesh.raster.open import open_scene
 
     scene = open_scene(path)
@@ -101,7 +103,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
         "size": [grid.width, grid.height],
         "bands": bands,
         "dtype": str(scene.dtype),
-        "crs": grid.crs.to_string() if grid.crs else None,
+        "crs": crs_label(grid.crs) if grid.crs else None,
         "transform": list(grid.transform[:6]),
         "bounds": list(grid.bounds()),
         **facts,

@@ -37,6 +37,7 @@ def write_by_gdal(
     dataset_options, layer_options : mapping of str to str, optional
         GDAL's creation options.
     """
+    from geomesh.formats.crs_text import portable_wkt
     from geomesh.formats.document import KEY
 
     crs, geometry = file.mesh.grid.crs, file.format.geometry
@@ -50,7 +51,7 @@ def write_by_gdal(
         "driver": file.format.driver,
         "geometry_name": geometry,
         "geometry_type": layer.geometry_type,
-        "crs": crs.to_wkt() if crs is not None and with_crs else None,
+        "crs": portable_wkt(crs) if crs is not None and with_crs else None,
         "layer_metadata": {KEY: file.document},
         "dataset_options": dict(dataset_options or {}),
         "layer_options": {**(layer_options or {}), "DESCRIPTION": description},

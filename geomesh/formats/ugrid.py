@@ -121,21 +121,37 @@ def _placed(crs: CRS | None) -> dict[str, str]:
 
 
 def _crs_attributes(crs: CRS) -> dict[str, Any]:
-    """Return attributes with the CRS as MDAL reads it: an EPSG code, or else WKT."""
+    """Return the CRS as CF has it, and as MDAL reads it: an EPSG code, or else WKT."""
     import numpy as np
 
-    attributes: dict[str, Any] = {"crs_wkt": crs.to_wkt().encode()}
-    code = crs.to_epsg(min_confidence=100)
+    from geomesh.formats.crs_text import cf_attributes, wkt1_or_wkt2
+
+    attributes = cf_attributes(crs)
+    code = None if crs.is_bound else crs.to_epsg(min_confidence=100)
     if code is None:
-        return attributes | {"wkt": crs.to_wkt("WKT1_GDAL").encode()}
-    return attributes | {"epsg": np.int32(code), "EPSG_code": f"EPSG:{code}"}
+        attributes["wkt"] = wkt1_or_wkt2(crs)
+    else:
+        attributes |= {"epsg": np.int32(code), "EPSG_code": f"EPSG:{code}"}
+    return {
+        name: value.encode() if isinstance(value, str) else value
+        for name, value in attributes.items()
+    }
 
 
 def _axis(axis: str, crs: CRS | None) -> dict[str, str]:
-    if crs is not None and crs.is_geographic:
-        name, unit = ("longitude", "east") if axis == "x" else ("latitude", "north")
-        return {"standard_name": name, "units": f"degrees_{unit}"}
-    return {"standard_name": f"projection_{axis}_coordinate"}
+    from geomesh.raster.crs import has_angles, is_rotated
+
+    if crs is None or not has_angles(crs):
+        unit = crs.axis_info[0].unit_name.replace(" ", "_") if crs is not None else "unknown"
+        units = {} if unit == "unknown" else {"units": unit}
+        return {"standard_name": f"projection_{axis}_coordinate", **units}
+    name = "longitude" if axis == "x" else "latitude"
+    unit = crs.axis_info[0].unit_name
+    if is_rotated(crs):
+        return {"standard_name": f"grid_{name}", "units": f"{unit}s"}
+    if unit != "degree":
+        return {"standard_name": name, "units": unit}
+    return {"standard_name": name, "units": f"degrees_{'east' if axis == 'x' else 'north'}"}
 
 
 def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001

@@ -20,9 +20,12 @@ from geomesh.errors import OutputError, one_line
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# Files that SQLite keeps next to a database. If they stayed, SQLite would apply them to the
-# new database with the same name, and corrupt it.
-_COMPANIONS = ("-wal", "-shm", "-journal")
+# Where GDAL keeps what a file itself cannot hold, such as the CRS of a rotated pole in a GeoTIFF.
+_ASIDE = ".aux.xml"
+
+# Files next to one that is replaced, which would spoil the new one. SQLite would apply its own
+# to a new database with the same name; GDAL would take the old CRS for that of the new file.
+_COMPANIONS = ("-wal", "-shm", "-journal", _ASIDE)
 
 
 def check_place(target: Path, *, overwrite: bool) -> None:
@@ -192,6 +195,9 @@ def _replace(finished: Path, place: Path) -> None:
                 aside = finished.with_name(companion.name)
                 companion.replace(aside)
                 moved.append((aside, companion))
+        own = finished.with_name(finished.name + _ASIDE)
+        if own.exists():
+            own.replace(place.with_name(place.name + _ASIDE))
         finished.replace(place)
     except BaseException:
         for aside, companion in moved:

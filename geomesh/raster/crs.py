@@ -7,7 +7,7 @@ between them by its definition (WKT2). The code is used only where it means the 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rasterio.crs
@@ -15,10 +15,18 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 from rasterio.errors import CRSError as RasterioCRSError
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
 LONLAT = "OGC:CRS84"
 
 # The first word of the names that a GeoPackage gives where there is no CRS.
 _UNDEFINED = "Undefined"
+
+# Names that say nothing.
+_NAMELESS = ("unknown", "undefined", "unnamed")
 
 # PROJ takes a body with this semi-major axis, in metres, for the Earth; so do we.
 _EARTH = 6375000.0
@@ -80,13 +88,74 @@ def is_lonlat(crs: CRS | None) -> bool:
     if crs is None:
         return False
     plain = horizontal(crs)
-    ellipsoid = plain.ellipsoid
-    return bool(
-        plain.is_geographic
-        and not plain.is_derived
-        and ellipsoid is not None
+    return bool(plain.is_geographic) and not is_rotated(plain) and is_on_earth(plain)
+
+
+def is_on_earth(crs: CRS) -> bool:
+    """Return whether a CRS is of places on Earth: not of another planet, not of a building site."""
+    ellipsoid = crs.ellipsoid
+    return (
+        ellipsoid is not None
         and abs(ellipsoid.semi_major_metre - _EARTH) < _EARTH_TOLERANCE * _EARTH
     )
+
+
+def has_angles(crs: CRS) -> bool:
+    """Return whether x and y are angles: of any planet, of a rotated pole too."""
+    plain = horizontal(crs)
+    return bool(plain.is_geographic) or _is_planetocentric(plain)
+
+
+def is_rotated(crs: CRS) -> bool:
+    """Return whether x and y are angles of a grid with poles of its own."""
+    plain = horizontal(crs)
+    return bool(plain.is_geographic and plain.is_derived)
+
+
+def is_of_map(crs: CRS) -> bool:
+    """Return whether a CRS is one of x and y; a geocentric or a vertical one is not."""
+    plain = horizontal(crs)
+    return bool(plain.is_projected or plain.is_engineering) or has_angles(plain)
+
+
+def to_geodetic(crs: CRS) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+    """Return what converts a CRS's own angles to longitude and geodetic latitude.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        One with angles, on any planet.
+
+    Returns
+    -------
+    callable, or None if they are longitude and geodetic latitude
+        From float64 (..., 2) to the same shape, in radians; not finite where PROJ knows no place.
+    """
+    plain = horizontal(crs)
+    if _is_planetocentric(plain) and plain.ellipsoid is not None:
+        squares = (plain.ellipsoid.semi_major_metre / plain.ellipsoid.semi_minor_metre) ** 2
+
+        def convert(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.stack([angles[..., 0], np.arctan(squares * np.tan(angles[..., 1]))], axis=-1)
+
+        return convert
+    if not is_rotated(plain) or plain.source_crs is None:
+        return None
+    unit, base_unit = (
+        each.axis_info[0].unit_conversion_factor for each in (plain, plain.source_crs)
+    )
+    transformer = Transformer.from_crs(plain, plain.source_crs, always_xy=True)
+
+    def transform(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        lon, lat = transformer.transform(angles[..., 0] / unit, angles[..., 1] / unit)
+        return np.stack([lon, lat], axis=-1) * base_unit
+
+    return transform
+
+
+def _is_planetocentric(plain: CRS) -> bool:
+    system = plain.coordinate_system
+    return system is not None and system.name == "spherical"
 
 
 def same_crs(one: CRS | None, other: CRS | None) -> bool:
@@ -103,7 +172,18 @@ def crs_label(crs: CRS | None) -> str:
     if crs.is_bound and crs.source_crs is not None:
         return f"{crs_label(crs.source_crs)} with its own datum shift"
     code = _own_code(crs)
-    return ":".join(code) if code else crs.name
+    if code:
+        return ":".join(code)
+    if crs.name.lower() not in _NAMELESS:
+        return str(crs.name)
+    made = crs.coordinate_operation
+    return f"an unnamed CRS ({made.method_name if made is not None else crs.type_name})"
+
+
+def is_known(crs: CRS) -> bool:
+    """Return whether the code of a CRS says it all, to pyproj at least."""
+    coded = _by_code(crs)
+    return coded is not None and same_crs(crs, coded)
 
 
 def _from_user(crs: Any) -> CRS:
