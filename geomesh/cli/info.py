@@ -10,7 +10,8 @@ from typing import Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import exit_code, guarded, open_console
+from geomesh.cli.streams import echo, printable
 
 
 @click.command()
@@ -29,8 +30,8 @@ def info(debug: bool, /, path: str, as_json: bool) -> None:
     with guarded(open_console("none"), debug) as failures:
         is_mesh = Path(path).suffix.lower() == ".gpkg" and _has_layers(path)
         facts = _describe_mesh(path) if is_mesh else _describe_raster(path)
-        click.echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
-    sys.exit(1 if failures else 0)
+        echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
+    sys.exit(exit_code(failures, printed=True))
 
 
 def _has_layers(path: str) -> bool:
@@ -106,5 +107,5 @@ def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
         elif isinstance(value, list):
             lines.append(f"{label} {', '.join(str(item) for item in value) or 'none'}")
         else:
-            lines.append(f"{label} {'none' if value is None else value}")
+            lines.append(f"{label} {'none' if value is None else printable(str(value))}")
     return "\n".join(lines)
