@@ -40,9 +40,12 @@ _WAYS_OUT = {
     **dict.fromkeys((errno.EMFILE, errno.ENFILE), "allow more open files, as with ulimit -n 4096"),
 }
 
+# Words of libraries when a disk is full or broken.
+_ABOUT_DISK = re.compile(r"\b(disk|space|quota|i/o)\b", re.IGNORECASE)
+
 # Size of a trial file, of which most is a hole, and the bytes that are written to it.
 _TRIAL_SIZE = 100_000_000
-_TRIAL_BYTES = 100_000
+_TRIAL_BYTES = 1_000_000
 
 
 def check_place(target: Path, *, overwrite: bool) -> None:
@@ -200,6 +203,8 @@ def writing_to(
         cause = error if known else _try_folder(_place(Path(target)).parent)
         if cause is not None:
             way_out = _way_out(cause)
+        elif _ABOUT_DISK.search(str(error)):  # the library has removed what filled it
+            way_out = _WAYS_OUT[errno.ENOSPC]
         raise OutputError(f"{target} could not be written: {_reason(error)}; {way_out}") from error
 
 

@@ -6,6 +6,7 @@ import threading
 import warnings
 from dataclasses import replace
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -39,18 +40,22 @@ from geomesh.zonal import columns
 from geomesh.zonal import statistics as zonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from concurrent.futures import Executor
 
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Triangles
     from geomesh.parallel.workers import Workers
+    from geomesh.parameters import LayerName
     from geomesh.raster.grid import Grid
     from geomesh.recipe import Recipe
 
 # Libraries on which a result may depend, in addition to geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
+
+# Number of columns of each layer without those of the bands.
+_OWN_COLUMNS: Mapping[LayerName, int] = MappingProxyType({"triangles": 13, "edges": 7, "nodes": 8})
 
 # Memory that SIFT needs for each pixel, and the gigabytes from which the user gets a warning.
 _SIFT_BYTES = 240
@@ -132,6 +137,11 @@ def mesh_scene(
             },
         ),
     )
+
+
+def count_columns(layer: LayerName, bands: int, statistics: int) -> int:
+    """Return the number of columns that a layer of the mesh will have."""
+    return _OWN_COLUMNS[layer] + bands * {"triangles": statistics, "edges": 0, "nodes": 1}[layer]
 
 
 def _load_later_stages(compiling: Callable[[], None]) -> None:
