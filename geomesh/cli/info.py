@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console, spell
+from geomesh.cli.console import exit_code, guarded, open_console, spell
+from geomesh.cli.streams import echo, printable
 
 if TYPE_CHECKING:
     import rasterio
@@ -42,8 +43,8 @@ def info(debug: bool, /, path: str, as_json: bool) -> None:
     with guarded(open_console("none"), debug) as failures:
         is_mesh = Path(path).suffix.lower() == ".gpkg" and _has_layers(path)
         facts = _describe_mesh(path) if is_mesh else _describe_raster(path)
-        click.echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
-    sys.exit(1 if failures else 0)
+        echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
+    sys.exit(exit_code(failures, printed=True))
 
 
 def _has_layers(path: str) -> bool:
@@ -177,7 +178,7 @@ def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
         elif isinstance(value, list):
             lines.append(f"{label} {', '.join(str(item) for item in value) or 'none'}")
         else:
-            text = "none" if value is None else str(value)
+            text = "none" if value is None else printable(str(value))
             rest = len(text) - _LONGEST
             lines.append(f"{label} {text if rest <= 0 else f'{text[:_LONGEST]} ... ({rest} more)'}")
     return "\n".join(lines)

@@ -6,13 +6,16 @@ reads the data on faces and the CRS. ParaView and xugrid read it too.
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from typing import TYPE_CHECKING, Any
+from unicodedata import combining
 
 from geomesh._version import __version__
 from geomesh.formats.format import Format, LayerFile, WriteRows
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     import numpy as np
@@ -37,6 +40,12 @@ _UNITS = {
     **dict.fromkeys(("min_angle", "max_angle"), "degree"),
 }
 
+# Of the bytes that NetCDF allows (256), enough for the number of a name that occurs twice.
+_LONGEST_NAME = 240
+
+# The size of a variable is stored in 32 bits with a sign; the largest has three corners a face.
+_MOST_FACES = (2**31 - 1) // (3 * 4)
+
 # Few enough for a renderer to list all colours of a mesh.
 _MOST_COLORS = 4096
 
@@ -45,8 +54,9 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
     """Write the triangles of a mesh; the document is stored as a global attribute.
 
     Attributes become data on faces, as float64. `color` becomes 65536 red + 256 green + blue,
-    rounded to fewer levels until there are at most 4096 colours. Other text is left out,
-    because data on faces must be numbers.
+    rounded to fewer levels until there are at most 4096 colours. Other text and dates are left
+    out, because data on faces must be numbers. A name that is not legal in NetCDF becomes the
+    `long_name` of its variable.
     """
     import numpy as np
     from scipy.io import netcdf_file
@@ -80,12 +90,33 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
         units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
-            if name in _TOPOLOGY or (values.dtype.kind == "U" and name != _COLOR):
+            is_color = name == _COLOR and values.dtype.kind == "U"
+            if name in _TOPOLOGY or not (is_color or values.dtype.kind in "biuf"):
                 continue
-            data = _packed(values) if name == _COLOR else values.astype(np.float64)
+            data = _packed(values) if is_color else values.astype(np.float64)
             unit = {"units": units[name]} if name in units else {}
-            _add(dataset, name, ("mesh_face",), data, on_faces | unit)
+            legal = _legal_name(name, dataset.variables)
+            full = {} if legal == name else {"long_name": name.encode()}
+            _add(dataset, legal, ("mesh_face",), data, on_faces | unit | full)
     stream.rows += len(layer)
+
+
+def _legal_name(name: str, taken: Iterable[str]) -> str:
+    """Return a name that every reader of NetCDF accepts: ASCII letters, digits and underscores.
+
+    Letters lose their accents; characters of other scripts become their code points, so that
+    different names stay different for a reader too.
+    """
+    plain = unicodedata.normalize("NFKD", name)
+    parts = (each if each.isascii() else f"u{ord(each):x}" for each in plain if not combining(each))
+    legal = re.sub("[^A-Za-z0-9_]", "_", "".join(parts))
+    legal = legal if legal[:1].isalpha() else f"b_{legal}"
+    stem, turn = legal[:_LONGEST_NAME], 1
+    legal = stem
+    while legal in taken:
+        turn += 1
+        legal = f"{stem}_{turn}"
+    return legal
 
 
 def _add(
@@ -175,4 +206,12 @@ def _read_document(path: Path) -> str:
         return document.decode()
 
 
-FORMAT = Format("UGRID", (".nc",), _write, _count_rows, _read_document, layers=("triangles",))
+FORMAT = Format(
+    "UGRID",
+    (".nc",),
+    _write,
+    _count_rows,
+    _read_document,
+    layers=("triangles",),
+    most_rows=_MOST_FACES,
+)

@@ -6,6 +6,7 @@ import threading
 import warnings
 from dataclasses import replace
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -40,19 +41,23 @@ from geomesh.zonal import columns
 from geomesh.zonal import statistics as zonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from concurrent.futures import Executor
 
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Floats, Triangles
     from geomesh.parallel.workers import Workers
+    from geomesh.parameters import LayerName
     from geomesh.raster.grid import Grid
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
 # Libraries on which a result may depend, in addition to geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
+
+# Number of columns of each layer without those of the bands.
+_OWN_COLUMNS: Mapping[LayerName, int] = MappingProxyType({"triangles": 13, "edges": 7, "nodes": 8})
 
 # Memory that SIFT needs for each pixel, and the gigabytes from which the user gets a warning.
 _SIFT_BYTES = 240
@@ -152,6 +157,11 @@ def _measure(
         return statistics, statistics.mean
     more = part_of(progress, 0.5, 1)
     return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
+
+
+def count_columns(layer: LayerName, bands: int, statistics: int) -> int:
+    """Return the number of columns that a layer of the mesh will have."""
+    return _OWN_COLUMNS[layer] + bands * {"triangles": statistics, "edges": 0, "nodes": 1}[layer]
 
 
 def _load_later_stages(compiling: Callable[[], None]) -> None:
