@@ -18,12 +18,14 @@ from geomesh.io.write import write_mesh
 from geomesh.parameters import LAYERS
 from geomesh.pipeline import mesh_file
 from geomesh.pipeline.mesh_scene import count_columns
+from geomesh.raster.open import open_scene
 from support.cases import palette
 from support.files import read_layer
 from support.meshes import two_triangles
-from support.rasters import picture, write_raster
+from support.rasters import picture, raster, write_raster
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from support.commands import Geomesh
@@ -33,22 +35,18 @@ def many_bands(folder: Path, count: int) -> str:
     return write_raster(folder, data=picture(3, 12, 12).repeat(count // 3 + 1, axis=0)[:count])
 
 
-@pytest.mark.parametrize("statistics", [("mean",), ("mean", "std", "min", "max"), ()])
-@pytest.mark.parametrize("bands", [1, 5])
+@pytest.mark.parametrize(
+    "statistics", [("mean",), ("mean", "std", "min", "max"), ("max", "variety", "max"), ()]
+)
+@pytest.mark.parametrize("make", [raster(picture(1)), raster(picture(5)), palette("GTiff", 8)])
 def test_the_columns_of_a_mesh_are_known_in_advance(
-    tmp_path: Path, bands: int, statistics: tuple[str, ...]
+    tmp_path: Path, make: Callable[[Path], str], statistics: tuple[str, ...]
 ) -> None:
-    source = write_raster(tmp_path, data=picture(bands))
+    source = make(tmp_path)
     mesh = geomesh.mesh_raster(source, statistics=statistics)
     for layer in LAYERS:
-        assert count_columns(layer, bands, len(statistics)) == len(mesh.attributes(layer))
-
-
-def test_the_columns_of_a_palette_are_known_in_advance(tmp_path: Path) -> None:
-    source = palette("GTiff", 8)(tmp_path)
-    mesh = geomesh.mesh_raster(source)
-    bands = len(geomesh.raster.open.open_scene(source).bands)
-    assert count_columns("triangles", bands, 4) == len(mesh.attributes("triangles"))
+        expected = count_columns(layer, open_scene(source), statistics)
+        assert expected == len(mesh.attributes(layer))
 
 
 def test_too_many_bands_for_a_geopackage_are_refused_before_the_work(

@@ -107,11 +107,9 @@ def _require_room(job: MeshJob, scene: Scene) -> None:
     file_format = find_format(job.output, job.driver)
     layers = choose_layers(job.layers, file_format)
     for name in layers:
-        columns = count_columns(name, len(scene.classes.bands), len(job.recipe.statistics))
+        columns = count_columns(name, scene, job.recipe.statistics)
         ways_out = ["choose fewer bands with `bidx`", "write .parquet"]
-        if count_columns(name, len(scene.classes.bands), 1) <= (
-            file_format.most_columns or columns
-        ):
+        if count_columns(name, scene, ("mean",)) <= (file_format.most_columns or columns):
             ways_out.insert(0, "compute one statistic with `statistics=mean`")
         if len(layers) > 1 and job.layers is not None:
             ways_out[-1] += f" with `layers={name}`"

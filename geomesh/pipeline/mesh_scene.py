@@ -159,9 +159,15 @@ def _measure(
     return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
 
 
-def count_columns(layer: LayerName, bands: int, statistics: int) -> int:
+def count_columns(layer: LayerName, scene: Scene, statistics: Sequence[str]) -> int:
     """Return the number of columns that a layer of the mesh will have."""
-    return _OWN_COLUMNS[layer] + bands * {"triangles": statistics, "edges": 0, "nodes": 1}[layer]
+    bands = scene.classes.bands
+    measured = {
+        "triangles": sum(len(columns.statistics_of(band, statistics)) for band in bands),
+        "edges": 0,
+        "nodes": len(bands),
+    }
+    return _OWN_COLUMNS[layer] + measured[layer]
 
 
 def _load_later_stages(compiling: Callable[[], None]) -> None:

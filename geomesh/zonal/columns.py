@@ -29,14 +29,15 @@ def counted_bands(bands: Sequence[Band], which: Sequence[str]) -> tuple[int, ...
 
 
 def statistics_of(band: Band, which: Sequence[str]) -> tuple[str, ...]:
-    """Return those of the wanted statistics that make sense for a band.
+    """Return those of the wanted statistics that make sense for a band, each once.
 
     Classes have neither an order nor a mean: if no statistic of classes is wanted, they get
     all of these instead.
     """
     if not band.is_class or not which:
-        return tuple(which)
-    return tuple(name for name in which if name in CLASS_STATISTICS) or CLASS_STATISTICS
+        return tuple(dict.fromkeys(which))
+    wanted = (name for name in dict.fromkeys(which) if name in CLASS_STATISTICS)
+    return tuple(wanted) or CLASS_STATISTICS
 
 
 def triangle_columns(
