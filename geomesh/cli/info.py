@@ -81,7 +81,6 @@ def _describe_raster(path: str) -> dict[str, Any]:
     from geomesh.parallel.progress import silent
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.parallel.workers import open_workers
-    from geomesh.raster.alpha import note_on_alpha
     from geomesh.raster.open import open_scene
 
     scene = open_scene(path)
@@ -91,7 +90,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
         bands, facts = _describe_values(scene)
         # The options that notes name are those of `geomesh mesh`.
         with click.Context(mesh):
-            notes = [spell(note) for note in (*scene.notes, *note_on_alpha(scene))]
+            notes = [spell(note) for note in scene.notes]
     return {
         "raster": str(path),
         "size": [grid.width, grid.height],
@@ -109,10 +108,11 @@ def _describe_raster(path: str) -> dict[str, Any]:
 
 def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the facts about each band, and what hides pixels or is not used."""
-    from geomesh.raster.bands import alpha_indexes
+    from geomesh.raster.bands import alpha_indexes, palette
     from geomesh.raster.pixels import masked_bands
 
     with scene.borrow() as dataset:
+        colors = palette(dataset, nodata=math.nan)  # without the colour of nodata
         indexes = list(dict.fromkeys(band.index for band in scene.bands))
         bands = [_describe_band(dataset, index) for index in indexes]
         alphas = alpha_indexes(dataset, scene.alpha)
@@ -125,6 +125,7 @@ def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]
                     if band["nodata"] is not None
                 ),
                 *(f"alpha in band {index}" for index in alphas),
+                *(["transparent colours"] if colors is not None and not colors[:, 3].all() else []),
                 *(f"mask of band {index}" if len(masked) > 1 else "mask" for index in masked),
             ],
             "unused_overviews": dataset.overviews(1),
