@@ -21,10 +21,12 @@ from geomesh.mesh.provenance import (
     SourceRaster,
 )
 from geomesh.parallel.tiles import plan_tiles
+from geomesh.raster.bands import Band
 from geomesh.raster.grid import Grid
 from geomesh.recipe import Recipe
 from geomesh.zonal.columns import triangle_columns
-from geomesh.zonal.statistics import Statistics, measure_tile, merge
+from geomesh.zonal.statistics import Statistics, merge
+from geomesh.zonal.tile_statistics import measure_tile
 
 Floats = NDArray[np.float64]
 
@@ -81,8 +83,8 @@ def mesh(triangles: int, size: int) -> Mesh:
     faces, _ = constrained_delaunay(points, segments)
     faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # rows go down: the map is flipped
     stats = statistics(points, faces, image(size))
-    pixels, names = size * size, ["b1", "b2", "b3"]
-    bands = tuple(SourceBand(name, index, None) for index, name in enumerate(names, start=1))
+    pixels, own = size * size, [Band(index, None, None, f"b{index}") for index in (1, 2, 3)]
+    bands = tuple(SourceBand(band.name, band.index, None) for band in own)
     made = Provenance(
         Recipe(),
         SourceRaster("hills and noise", (0, 0, size, size), bands, nodata=None, area=None),
@@ -97,7 +99,7 @@ def mesh(triangles: int, size: int) -> Mesh:
         grid=Grid(size, size, Affine(10, 0, 500_000, 0, -10, 7_000_000), CRS("EPSG:32723")),
         domain=DomainFacts("image", float(pixels), 1, 0, pixels, pixels),
         constraints=segments,
-        triangle_table=Table(triangle_columns(stats, names)),
+        triangle_table=Table(triangle_columns(stats, own)),
         provenance=made,
     )
 

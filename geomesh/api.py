@@ -110,6 +110,7 @@ def mesh_raster(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    mask_layer: str | None = None,
     name: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -138,9 +139,14 @@ def mesh_raster(
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
-        Box in map coordinates to crop to.
-    mask : path, GeoDataFrame or GeoSeries, optional
-        Polygons of the area of interest. Pixels outside are ignored.
+        Box in map coordinates: the pixels whose centre is in it are used. In longitude and
+        latitude, west may be greater than east, across the antimeridian.
+    mask : path, GeoDataFrame, GeoSeries, shapely geometry, GeoJSON mapping or WKT, optional
+        Polygons of the area of interest, in any CRS: the pixels whose centre is in one are used.
+        A geometry without a CRS is in the raster's coordinates; a GeoJSON mapping is in
+        longitude and latitude.
+    mask_layer : str, optional
+        The layer to use, if `mask` is a file with several.
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
     workers : int, optional
@@ -184,6 +190,7 @@ def mesh_raster(
         crs=crs,
         bounds=bounds,
         mask=mask,
+        mask_layer=mask_layer,
         name=name,
     )
     with reporting(progress) as report, open_workers(workers, executor) as pool:
@@ -225,6 +232,7 @@ def stages(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    mask_layer: str | None = None,
     progress: bool | Progress = False,
     **values: Any,
 ) -> Stages:
@@ -235,7 +243,7 @@ def stages(
 
     Parameters
     ----------
-    source, preset, recipe, bidx, nodata, alpha, unscale, crs, bounds, mask, progress
+    source, preset, recipe, bidx, nodata, alpha, unscale, crs, bounds, mask, mask_layer, progress
         As in `mesh_raster`.
     **values
         Parameters of the recipe to change, such as ``canny_low=50``.
@@ -264,6 +272,7 @@ def stages(
         crs=crs,
         bounds=bounds,
         mask=mask,
+        mask_layer=mask_layer,
     )
     with reporting(progress) as report:
         return run_stages(scene, recipe, report)

@@ -15,7 +15,11 @@ ALPHA: tuple[Alpha, ...] = ("mask", "data")
 GRAY_METHODS = ("auto", "luma", "mean", "pca")
 DOMAINS = ("valid", "image", "hull")
 SIFT_SOURCES = ("gray", "edges")
-STATISTICS = ("mean", "std", "min", "max")
+STATISTICS = ("mean", "std", "min", "max", "median", "majority", "variety")
+DEFAULT_STATISTICS = STATISTICS[:4]
+# Those that need to know how often each value occurs, and those that make sense for classes.
+COUNTED_STATISTICS = ("median", "majority", "variety")
+CLASS_STATISTICS = ("majority", "variety")
 
 # Largest value of edge_distance, in pixels. A tile does not see edges outside its halo.
 FARTHEST_EDGE = 32

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from geomesh.errors import RecipeError
-from geomesh.parameters import RULES, STATISTICS
+from geomesh.parameters import DEFAULT_STATISTICS, RULES
 
 # Up to this octave, a tile with a halo of 64 pixels gives the keypoints of the whole image.
 LOCAL_OCTAVE = 2
@@ -88,8 +88,10 @@ class Recipe:
     min_hole : int
         Holes of nodata with fewer pixels are filled, and islands of data with fewer
         pixels are dropped.
-    statistics : tuple of {"mean", "std", "min", "max"}
-        What to compute for each triangle and each band.
+    statistics : tuple of {"mean", "std", "min", "max", "median", "majority", "variety"}
+        What to compute for each triangle and each band: also the median, the most frequent
+        value, and the number of distinct values. For the classes of a palette only the last
+        two make sense: those of them that are in the list are computed, or else both.
     """
 
     preset: str = "features"
@@ -114,7 +116,7 @@ class Recipe:
     domain: str = "valid"
     border_spacing: float | None = None
     min_hole: int = 64
-    statistics: tuple[str, ...] = STATISTICS
+    statistics: tuple[str, ...] = DEFAULT_STATISTICS
 
     def __post_init__(self) -> None:
         for field in fields(self):

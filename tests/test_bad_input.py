@@ -83,8 +83,11 @@ def setting(name: str, value: Any, **rest: Any) -> Case:
 
 OPTIONS: dict[str, Case] = {
     "--bounds of a part": bounds(WEST, NORTH - 300, WEST + 600, NORTH, valid=200),
-    "--bounds within a pixel": bounds(
-        WEST + 31, NORTH - 39, WEST + 39, NORTH - 31, valid=1, warns=(NO_KEYPOINTS,)
+    "--bounds around one centre": bounds(
+        WEST + 41, NORTH - 49, WEST + 49, NORTH - 41, valid=1, warns=(NO_KEYPOINTS,)
+    ),
+    "--bounds between pixel centres": bounds(
+        WEST + 31, NORTH - 39, WEST + 39, NORTH - 31, refused="--bounds contains no centre"
     ),
     "--bounds wider than all": bounds(-1e300, -1e300, 1e300, 1e300, valid=SIZE),
     "--bounds beside": bounds(0, 0, 1, 1, refused="--bounds lies outside .* whose bounds are"),
@@ -129,16 +132,22 @@ OPTIONS: dict[str, Case] = {
     "--mask in longitude and latitude": Case(
         raster(), vector(LONLAT_HALF, crs="EPSG:4326"), valid=SIZE // 2
     ),
-    "--mask without crs": Case(raster(), vector(LEFT_HALF, crs=None), valid=SIZE // 2),
+    "--mask without crs": Case(
+        raster(), vector(LEFT_HALF, crs=None), valid=SIZE // 2, warns=("has no CRS",)
+    ),
     "--mask beside": Case(
         raster(), vector(shapely.box(0, 0, 1, 1)), refused="--mask lies outside .* whose bounds are"
     ),
     "--mask between pixel centres": Case(
-        raster(), vector(shapely.box(WEST + 1, NORTH - 5, WEST + 5, NORTH - 1)), refused="--mask"
+        raster(),
+        vector(shapely.box(WEST + 1, NORTH - 5, WEST + 5, NORTH - 1)),
+        refused="--mask contains no centre",
     ),
-    "--mask crossing itself": Case(raster(), vector(BOW_TIE)),
+    "--mask crossing itself": Case(raster(), vector(BOW_TIE), warns=("1 polygon repaired",)),
     "--mask twice crossing itself": Case(
-        raster(), vector(BOW_TIE, shapely.affinity.translate(BOW_TIE, 45, 60))
+        raster(),
+        vector(BOW_TIE, shapely.affinity.translate(BOW_TIE, 45, 60)),
+        warns=("2 polygons repaired",),
     ),
     "--mask of the world": Case(
         raster(crs="EPSG:3857"),
@@ -192,7 +201,7 @@ OPTIONS: dict[str, Case] = {
             ("domain", "sea"),
             ("domain", ["valid"]),
             ("statistics", 5),
-            ("statistics", ["median"]),
+            ("statistics", ["mode"]),
             ("sift_octave_layers", 2.5),
             ("sift_octave_layers", "3"),
             ("sift_max_octave", "two"),
@@ -312,7 +321,7 @@ USAGE: dict[str, Sequence[str]] = {
     "nodata that is no number": ("SRC", "--nodata=none"),
     "unknown preset": ("SRC", "--preset=best"),
     "unknown layer": ("SRC", "--layers=faces"),
-    "unknown statistic": ("SRC", "--stats=median"),
+    "unknown statistic": ("SRC", "--stats=mode"),
     "setting without a value": ("SRC", "--set=canny_low"),
     "unknown option": ("SRC", "--best"),
     "recipe that is a folder": ("SRC", "--recipe=."),

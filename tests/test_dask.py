@@ -107,7 +107,7 @@ def test_worker_that_is_killed_is_made_up_for(scene: Path, client: Any, stage: s
     assert fingerprint(mesh) == fingerprint(geomesh.mesh_raster(scene))
 
 
-def kill_worker(_task: Any) -> None:
+def kill_worker(_task: Any, **_options: Any) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 

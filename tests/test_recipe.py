@@ -235,7 +235,7 @@ BAD = [
     ("min_hole", 1.5),
     ("min_hole", None),
     ("statistics", "mean"),
-    ("statistics", ("mean", "median")),
+    ("statistics", ("mean", "mode")),
     ("statistics", None),
     ("statistics", 5),
     ("statistics", (1,)),

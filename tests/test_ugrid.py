@@ -1,5 +1,6 @@
 """UGRID files: read with xugrid, and directly."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -75,6 +76,27 @@ def test_many_colours_are_rounded_alike_in_each_channel(tmp_path):
 def test_it_holds_triangles_only(tmp_path):
     with pytest.raises(OutputError, match="UGRID can store triangles, not nodes"):
         write_mesh(two_triangles(), tmp_path / "mesh.nc", layers=["nodes"])
+
+
+def test_names_of_any_script_are_legal_and_kept_as_long_names(tmp_path):
+    names = ["近红外_mean", "红_mean", "Größe", "GROSSE", "Grosse", "1 a", "1_a", "x" * 300]
+    table = Table({name: np.array([k, -k], float) for k, name in enumerate(names, start=1)})
+    path = write_mesh(replace(two_triangles(), triangle_table=table), tmp_path / "mesh.nc")
+    dataset = xugrid.open_dataset(path, engine="scipy")
+    found = {
+        variable.attrs.get("long_name", name): variable.to_numpy().tolist()
+        for name, variable in dataset.data_vars.items()
+    }
+    for name, values in table.items():
+        assert found[name] == values.tolist()
+    assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]{,254}", name) for name in dataset.data_vars)
+    assert {"u8fd1u7ea2u5916_mean", "Grosse", "b_1_a"} <= set(dataset.data_vars)
+
+
+def test_more_faces_than_a_variable_can_have_are_refused():
+    UGRID.require_room("triangles", columns=10**6, rows=178_956_970)
+    with pytest.raises(OutputError, match=r"at most 178956970 rows .* write \.parquet"):
+        UGRID.require_room("triangles", rows=178_956_971)
 
 
 def test_a_file_cut_short_is_noticed(tmp_path):

@@ -287,7 +287,10 @@ def test_triangle_that_spans_the_world_is_no_antimeridian_case(tmp_path: Path) -
             Grid(50, 40, Affine(3e5, 0, -7.5e6, 0, -3e5, 6e6), CRS(GEOSTATIONARY)),
             r"of 200 nodes have none: leave them out with `bounds` or `mask`, or write .gpkg",
         ),
-        (Grid(50, 40, Affine(1, 0, 0, 0, -1, 95), CRS("EPSG:4326")), "of 200 nodes have none"),
+        (
+            Grid(50, 40, Affine(1, 0, 0, 0, -1, 95), CRS("EPSG:4326")),
+            "lie beyond a pole: mesh the raster again with `bounds` 0 55 50 90, or write .gpkg",
+        ),
     ],
     ids=["no CRS", "Mars", "local", "geostationary", "beyond the pole"],
 )

@@ -20,10 +20,12 @@ from shapely import Polygon, polygons
 
 from geomesh.mesh.colors import format_colors
 from geomesh.parallel.tiles import plan_tiles
+from geomesh.raster.bands import Band
 from geomesh.raster.grid import Window
-from geomesh.zonal.columns import band_names, node_columns, triangle_columns
+from geomesh.zonal.columns import node_columns, triangle_columns
 from geomesh.zonal.owners import find_owners
-from geomesh.zonal.statistics import measure_tile, merge
+from geomesh.zonal.statistics import merge
+from geomesh.zonal.tile_statistics import measure_tile
 from support.geometry import rectangle_mesh
 
 DTYPES = ["uint8", "int16", "uint16", "int64", "uint64", "float32", "float64", ">u2", "float16"]
@@ -281,38 +283,17 @@ def test_statistics_are_read_only(scene):
 
 def test_columns_are_named_by_band_and_statistic(scene):
     found = statistics(*scene)
-    columns = triangle_columns(found, ["red", "nir", "b3"], which=("mean", "max"))
+    bands = [Band(k, None, None, name) for k, name in enumerate(("red", "nir", "b3"), start=1)]
+    columns = triangle_columns(found, bands, which=("mean", "max"))
     assert list(columns) == [
         *("count", "red_mean", "red_max", "nir_mean", "nir_max", "b3_mean", "b3_max")
     ]
     np.testing.assert_array_equal(columns["nir_max"], found.max[1])
-    assert list(triangle_columns(found, ["a"])) == ["count", "a_mean", "a_std", "a_min", "a_max"]
-    values = node_columns(found, ["red", "nir", "b3"])
+    default = triangle_columns(found, bands[:1])
+    assert list(default) == ["count", "red_mean", "red_std", "red_min", "red_max"]
+    values = node_columns(found, bands)
     assert list(values) == ["red", "nir", "b3"]
     np.testing.assert_array_equal(values["nir"], found.node_values[1])
-
-
-def test_band_names_are_safe_column_names():
-    given_names = ["Red", None, "", "Bande été (10 m)", "10m", "red", "RED", "---", "angle", "水"]
-    assert band_names(given_names) == [
-        *("red", "b2", "b3", "bande_ete_10_m", "b_10m", "red_2", "red_3", "b8", "b_angle", "b10")
-    ]
-
-
-@given(st.lists(st.none() | st.text(), max_size=12))
-def test_band_names_are_unique_and_match_the_pattern(descriptions):
-    names = band_names(descriptions)
-    assert len(set(names)) == len(descriptions)
-    for name in names:
-        assert name.isascii()
-        assert name.isidentifier()
-        assert name == name.lower()
-        assert len(name) <= 40
-
-
-def test_long_descriptions_that_start_alike_stay_apart():
-    names = band_names(["x" * 60, "x" * 61])
-    assert names == ["x" * 40, "x" * 38 + "_2"]
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 255)] * 3), max_size=20))

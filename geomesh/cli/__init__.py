@@ -21,6 +21,7 @@ from geomesh.cli.quality import quality
 from geomesh.cli.render import render
 from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
+from geomesh.cli.streams import tell_of_lost_output, unfailing_streams
 from geomesh.cli.versions import print_versions
 from geomesh.parallel.memory import keep_freed_memory
 
@@ -35,20 +36,28 @@ def main() -> NoReturn:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, as by nohup
         on_signal(signal.SIGINT, _interrupt)
     keep_freed_memory()
+    with unfailing_streams():
+        code = _run()
+        tell_of_lost_output(code)
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run the command and return its exit code."""
     try:
         cli(standalone_mode=False)
     except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
+        return stop.exit_code
     except click.ClickException as error:
         error.show()
-        sys.exit(error.exit_code)
+        return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         _leave(_INTERRUPTED)
     except SystemExit as stop:
         if stop.code == _TERMINATED:
             _leave(_TERMINATED)
-        raise
-    sys.exit(0)
+        return int(stop.code or 0)
+    return 0
 
 
 def _interrupt() -> NoReturn:
@@ -91,6 +100,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
     """
     if isinstance(ctx.obj, dict) and "env" in ctx.obj:
         ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: use the GDAL settings of rio's options
+    ctx.with_resource(unfailing_streams())  # `rio geomesh` does not call `main`
     ctx.obj = debug
 
 

@@ -10,6 +10,8 @@ The JSON lines go to standard output. Each line is one object. Its `event` is on
 - ``log``: ``level`` ("warning"), ``message``
 - ``error``: ``code`` (from `geomesh.errors`, or "interrupted"), ``message``
 - ``result``: ``outputs`` (paths), ``figures`` (numbers)
+
+A console never fails, whoever reads it: see `geomesh.cli.streams`.
 """
 
 from __future__ import annotations
@@ -20,11 +22,12 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Protocol
 
 import click
 
+from geomesh.cli.streams import echo, is_output_lost, printable
 from geomesh.errors import GeomeshError, GeomeshWarning
 
 PROTOCOL = 1
@@ -56,8 +59,8 @@ class Console(Protocol):
     def interrupted(self) -> None:
         """Report that the work was interrupted."""
 
-    def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:
-        """Report the result: paths and numbers for programs, or `text` for people."""
+    def result(self, outputs: Sequence[str], figures: Mapping[str, Any], *lines: str) -> None:
+        """Report the result: paths and numbers for programs, or lines of text for people."""
 
 
 class People:
@@ -84,23 +87,23 @@ class People:
 
     def warn(self, message: str) -> None:
         """Print a warning."""
-        click.echo(f"Warning: {message}", err=True)
+        echo(printable(f"Warning: {message}"), err=True)
 
     def error(self, code: str, message: str) -> None:  # noqa: ARG002
         """Print an error."""
-        click.echo(f"Error: {message}", err=True)
+        echo(printable(f"Error: {message}"), err=True)
 
     def interrupted(self) -> None:
         """Print it once, on its own line below the progress bar."""
         if self._is_interrupted:
             return
         self._is_interrupted = True
-        click.echo("Interrupted: the unfinished output was not written.", err=True)
+        echo("Interrupted: the unfinished output was not written.", err=True)
 
-    def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
-        """Print the text. If `quiet`, print nothing, because a JSON document follows."""
-        if not self._quiet:
-            click.echo(text)
+    def result(self, outputs: Sequence[str], figures: Mapping[str, Any], *lines: str) -> None:  # noqa: ARG002
+        """Print the lines. If `quiet`, print nothing, because a JSON document follows."""
+        for line in () if self._quiet else lines:
+            echo(printable(line))
 
 
 class JsonLines:
@@ -110,7 +113,7 @@ class JsonLines:
         self._is_interrupted = False
 
     def _print(self, event: str, **values: Any) -> None:
-        click.echo(json.dumps({"event": event, **values}, ensure_ascii=True))
+        echo(json.dumps({"event": event, **values}, ensure_ascii=True))
 
     def start(self, command: str, source: str) -> None:
         """Print `start`, with the process id and the names of temporary folders."""
@@ -149,7 +152,7 @@ class JsonLines:
         self._is_interrupted = True
         self.error("interrupted", "interrupted: the unfinished output was not written")
 
-    def result(self, outputs: Sequence[str], figures: Mapping[str, Any], text: str) -> None:  # noqa: ARG002
+    def result(self, outputs: Sequence[str], figures: Mapping[str, Any], *lines: str) -> None:  # noqa: ARG002
         """Print the `result`."""
         self._print("result", outputs=list(outputs), figures=dict(figures))
 
@@ -198,8 +201,7 @@ def interruptible(console: Console) -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, SystemExit):
-        with suppress(OSError):  # the reader of the output may have exited
-            console.interrupted()
+        console.interrupted()
         raise
 
 
@@ -213,7 +215,7 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
     debug : bool
         Raise errors again, and report the warnings of other libraries too.
     about : str
-        Prefix of warnings, such as the name of the raster.
+        Name of the raster, to be put before warnings that do not name it.
 
     Yields
     ------
@@ -224,7 +226,9 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, GeomeshWarning) or debug:
-            console.warn(f"{about}{spell(str(message))}")
+            text = spell(str(message))
+            named = not about or text.startswith(about)
+            console.warn(text if named else f"{about}: {text}")
 
     with interruptible(console), warnings.catch_warnings():
         warnings.simplefilter("always", GeomeshWarning)
@@ -247,3 +251,12 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
             console.error(
                 "internal", f"{text} (a defect of geomesh; run `geomesh --debug ...` and report it)"
             )
+
+
+def exit_code(failures: object, *, printed: bool) -> int:
+    """Return the exit code of a command: 1 if something failed, else 0.
+
+    `printed` says that the result itself is what was printed on standard output. Then a result
+    that was lost there, as on a full disk, is a failure too.
+    """
+    return 1 if failures or (printed and is_output_lost()) else 0

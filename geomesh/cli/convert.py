@@ -8,9 +8,10 @@ from typing import Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import exit_code, guarded, open_console
 from geomesh.cli.options import layer_options, output_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.streams import echo
 
 
 @click.command()
@@ -63,5 +64,5 @@ def convert(
         outcome = {"source": mesh_file, "output": output, **figures}
         console.result([output], figures, f"{output}: the mesh of {mesh_file}, certified")
     if as_json:
-        click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
-    sys.exit(1 if failures else 0)
+        echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
+    sys.exit(exit_code(failures, printed=as_json))

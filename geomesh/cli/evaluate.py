@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from geomesh.cli.console import guarded, open_console, spell
+from geomesh.cli.console import exit_code, guarded, open_console, spell
 from geomesh.cli.options import number, numbers, output_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.streams import echo
 from geomesh.errors import EmptyError
 from geomesh.parameters import ALPHA, Alpha
 
@@ -113,15 +114,15 @@ def evaluate(
     if comparison is None:
         sys.exit(1)
     if as_json:
-        click.echo(json.dumps(comparison.to_dict(), indent=2))
+        echo(json.dumps(comparison.to_dict(), indent=2))
     elif comparison.records and progress != "jsonl":
         from geomesh.cli.evaluate_tables import print_comparison
 
         print_comparison(comparison)
     if not problems and (outputs or progress == "jsonl"):
         figures = {"images": len(comparison.images), "failed": len(comparison.failures)}
-        console.result(outputs, figures, "\n".join(f"{path}: written" for path in outputs))
-    sys.exit(1 if problems or comparison.failures else 0)
+        console.result(outputs, figures, *(f"{path}: written" for path in outputs))
+    sys.exit(exit_code(problems or comparison.failures, printed=as_json or not outputs))
 
 
 def _check_outputs(output: str | None, figure: str | None, overwrite: bool) -> None:

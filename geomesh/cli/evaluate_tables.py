@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from geomesh.cli.streams import printable
+
 if TYPE_CHECKING:
     from geomesh.evaluate.comparison import Comparison, Figures
 
@@ -91,7 +93,7 @@ def tables(comparison: Comparison) -> Iterator[Text | Table]:
         table = _table(_IMAGE)
         names = _short_names([record.image for record in records])
         for name, record in zip(names, records, strict=True):
-            table.add_row(Text(name, overflow="fold"), *_cells(record.figures, _IMAGE))
+            table.add_row(Text(printable(name), overflow="fold"), *_cells(record.figures, _IMAGE))
         yield table
     overall = comparison.overall()
     for plane in comparison.methods:

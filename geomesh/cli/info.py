@@ -11,15 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console, spell
+from geomesh.cli.console import exit_code, guarded, open_console, spell
+from geomesh.cli.streams import echo, printable
 
 if TYPE_CHECKING:
     import rasterio
 
+    from geomesh.raster.bands import Band
     from geomesh.raster.scene import Scene
 
 # Files of overviews, masks and metadata that GDAL finds beside a raster.
 _SIDE_FILES = (".ovr", ".msk", ".aux", ".aux.xml")
+
+# Longer texts, such as the pixels of an area of interest, are cut. `--json` has all of them.
+_LONGEST = 200
 
 
 @click.command()
@@ -38,8 +43,8 @@ def info(debug: bool, /, path: str, as_json: bool) -> None:
     with guarded(open_console("none"), debug) as failures:
         is_mesh = Path(path).suffix.lower() == ".gpkg" and _has_layers(path)
         facts = _describe_mesh(path) if is_mesh else _describe_raster(path)
-        click.echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
-    sys.exit(1 if failures else 0)
+        echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
+    sys.exit(exit_code(failures, printed=True))
 
 
 def _has_layers(path: str) -> bool:
@@ -57,6 +62,7 @@ def _describe_mesh(path: str) -> dict[str, Any]:
     from pyproj import CRS
 
     from geomesh.io.read import read_document
+    from geomesh.raster.crs import crs_label
 
     document = read_document(path)
     stored = document.pop("mesh")
@@ -64,7 +70,7 @@ def _describe_mesh(path: str) -> dict[str, Any]:
     return {
         "mesh": str(path),
         **stored["counts"],
-        "crs": CRS.from_wkt(grid["crs"]).to_string() if grid["crs"] else None,
+        "crs": crs_label(CRS.from_wkt(grid["crs"])) if grid["crs"] else None,
         "raster_size": [grid["width"], grid["height"]],
         "plane_size": stored["plane_size"],
         "domain": stored["domain"],
@@ -81,6 +87,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
     from geomesh.parallel.progress import silent
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.parallel.workers import open_workers
+    from geomesh.raster.crs import crs_label
     from geomesh.raster.open import open_scene
 
     scene = open_scene(path)
@@ -96,7 +103,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
         "size": [grid.width, grid.height],
         "bands": bands,
         "dtype": str(scene.dtype),
-        "crs": grid.crs.to_string() if grid.crs else None,
+        "crs": crs_label(grid.crs) if grid.crs else None,
         "transform": list(grid.transform[:6]),
         "bounds": list(grid.bounds()),
         **facts,
@@ -113,8 +120,8 @@ def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]
 
     with scene.borrow() as dataset:
         colors = palette(dataset, nodata=math.nan)  # without the colour of nodata
-        indexes = list(dict.fromkeys(band.index for band in scene.bands))
-        bands = [_describe_band(dataset, index) for index in indexes]
+        indexes = [band.index for band in scene.classes.bands]
+        bands = [_describe_band(dataset, band) for band in scene.classes.bands]
         alphas = alpha_indexes(dataset, scene.alpha)
         masked = masked_bands(dataset, indexes, alpha=scene.alpha)
         facts = {
@@ -136,14 +143,16 @@ def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]
     return bands, facts
 
 
-def _describe_band(dataset: rasterio.DatasetReader, index: int) -> dict[str, Any]:
+def _describe_band(dataset: rasterio.DatasetReader, band: Band) -> dict[str, Any]:
+    from geomesh.raster.band_texts import read_units
     from geomesh.raster.scaling import PLAIN
 
-    k = index - 1
-    nodata = dataset.nodatavals[k]
+    k = band.index - 1
+    nodata, unit = dataset.nodatavals[k], read_units(dataset)[k]
     facts = {
-        "index": index,
-        "description": dataset.descriptions[k],
+        "index": band.index,
+        "name": band.name,
+        "description": band.description,
         "color": dataset.colorinterp[k].name,
         "dtype": dataset.dtypes[k],
         # As text if JSON has no such number.
@@ -151,7 +160,7 @@ def _describe_band(dataset: rasterio.DatasetReader, index: int) -> dict[str, Any
     }
     if (dataset.scales[k], dataset.offsets[k]) != PLAIN:
         facts |= {"scale": dataset.scales[k], "offset": dataset.offsets[k]}
-    return facts | ({"unit": dataset.units[k]} if dataset.units[k] else {})
+    return facts | ({"unit": unit} if unit else {})
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
@@ -170,5 +179,7 @@ def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
         elif isinstance(value, list):
             lines.append(f"{label} {', '.join(str(item) for item in value) or 'none'}")
         else:
-            lines.append(f"{label} {'none' if value is None else value}")
+            text = "none" if value is None else printable(str(value))
+            rest = len(text) - _LONGEST
+            lines.append(f"{label} {text if rest <= 0 else f'{text[:_LONGEST]} ... ({rest} more)'}")
     return "\n".join(lines)

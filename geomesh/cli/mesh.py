@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import Console, guarded, interruptible, open_console, spell
+from geomesh.cli.console import Console, exit_code, guarded, interruptible, open_console, spell
 from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.streams import echo, printable
 from geomesh.errors import OutputError
 from geomesh.formats.registry import EXTENSIONS, find_format
 from geomesh.parameters import STATISTICS
@@ -51,7 +52,8 @@ class _Plan:
     "statistics",
     callback=words(STATISTICS),
     metavar="STAT,...",
-    help="What to compute for each triangle and band: mean, std, min, max. Default: all.",
+    help="What to compute for each triangle and band: mean, std, min, max, median, majority, "
+    "variety. Default: the first four; for the classes of a palette majority and variety.",
 )
 @click.option(
     "--workers",
@@ -110,10 +112,10 @@ def mesh(
             plan.new_folder.rmdir()
     failed = len(failures) + sum("error" in outcome for outcome in outcomes)
     if as_json:
-        click.echo(json.dumps({"results": outcomes, "failed": failed}, indent=2))
+        echo(json.dumps({"results": outcomes, "failed": failed}, indent=2))
     elif len(outcomes) > 1 and progress != "jsonl":
         _print_table(outcomes)
-    sys.exit(1 if failed else 0)
+    sys.exit(exit_code(failed, printed=as_json))
 
 
 def _plan(
@@ -204,7 +206,7 @@ def _run(
     outcomes = []
     for job in jobs:
         console.start("mesh", str(job.source))
-        about = f"{job.source}: " if len(jobs) > 1 else ""
+        about = str(job.source) if len(jobs) > 1 else ""
         with guarded(console, debug, about) as problems, console.progress() as report:
             summary = batch.mesh(job, report)
         if problems:
@@ -237,12 +239,13 @@ def _print_table(outcomes: Sequence[Mapping[str, Any]]) -> None:
     for column in ("source", "nodes", "triangles", "outcome"):
         table.add_column(column, justify="right" if column in ("nodes", "triangles") else "left")
     for outcome in outcomes:
-        source = Text(outcome["source"], overflow="fold")
+        source = Text(printable(outcome["source"]), overflow="fold")
         if "error" in outcome:
             table.add_row(source, "", "", Text("failed", style="red"))
         else:
             figures = (f"{outcome[name]:,}" for name in ("nodes", "triangles"))
-            table.add_row(source, *figures, Text(Path(outcome["output"]).name, overflow="fold"))
+            name = printable(Path(outcome["output"]).name)
+            table.add_row(source, *figures, Text(name, overflow="fold"))
     console = RichConsole(stderr=True)
     if not console.is_terminal:
         console.width = 160

@@ -20,7 +20,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")
 
-_READING = ("bidx", "nodata", "alpha", "unscale", "crs", "bounds", "mask", "name")
+_READING = ("bidx", "nodata", "alpha", "unscale", "crs", "bounds", "mask", "mask_layer", "name")
 _RECIPE = (
     *("preset", "recipe_file", "nodes", "gray", "sift_upsample", "domain", "statistics"),
     "settings",
@@ -175,13 +175,19 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 nargs=4,
                 type=float,
                 metavar="W S E N",
-                help="Crop to a box in the raster's coordinates.",
+                help="Use the pixels whose centre is in a box, in the raster's coordinates. In "
+                "longitude and latitude, W may be greater than E.",
             ),
             click.option(
                 "--mask",
-                type=click.Path(),
                 metavar="AOI",
-                help="Area of interest: a file of polygons. Pixels outside are ignored.",
+                help="Area of interest: a file of polygons, or a polygon in WKT. The pixels whose "
+                "centre is in a polygon are used.",
+            ),
+            click.option(
+                "--mask-layer",
+                metavar="LAYER",
+                help="The layer of AOI to use, if the file has several.",
             ),
             click.option(
                 "--source-name",

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import exit_code, guarded, open_console
 from geomesh.cli.options import output_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.streams import echo, printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -74,23 +75,27 @@ def quality(
             )
     if not failures:
         if as_json:
-            click.echo(json.dumps(summary, indent=2))
+            echo(json.dumps(summary, indent=2))
         elif progress != "jsonl":
             _print_quality(mesh_file, summary, "pixels" if space == "image" else "map units")
         if output is not None or progress == "jsonl":
             outputs = [] if output is None else [output]
             console.result(outputs, summary, f"{output}: the mesh with these measures, certified")
-    sys.exit(1 if failures else 0)
+    sys.exit(exit_code(failures, printed=as_json or output is None))
 
 
 def _print_quality(mesh_file: str, summary: Mapping[str, Any], unit: str) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     width, height = summary["size"]
     table = Table(
-        title=f"{mesh_file}: {summary['nodes']:,} nodes, {summary['triangles']:,} triangles, "
-        f"lengths in {unit} of a plane of {width:g} x {height:g}",
+        title=Text(
+            f"{printable(mesh_file)}: {summary['nodes']:,} nodes, {summary['triangles']:,} "
+            f"triangles, lengths in {unit} of a plane of {width:g} x {height:g}",
+            style="table.title",
+        ),
         title_justify="left",
         caption=f"{summary['labelling']}. Ki / sqrt(area / nodes) = "
         f"{summary['ki_normalised'] or 0:.3f}",

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import exit_code, guarded, open_console
 from geomesh.cli.options import numbers, output_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.streams import echo, printable
 from geomesh.parameters import ALPHA, Alpha
 
 if TYPE_CHECKING:
@@ -150,13 +151,14 @@ def render(
         text = f"{output}: {mesh_file} on the pixels of {source}, PSNR {fidelity.overall:.2f} dB"
         console.result([output], figures, text)
     if as_json:
-        click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
-    sys.exit(1 if failures else 0)
+        echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
+    sys.exit(exit_code(failures, printed=as_json))
 
 
 def _print_fidelity(fidelity: Fidelity) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(title=f"over {fidelity.pixels:,} pixels", title_justify="left")
     table.add_column("band")
@@ -164,5 +166,5 @@ def _print_fidelity(fidelity: Fidelity) -> None:
         table.add_column(column, justify="right")
     rows = zip(fidelity.bands, fidelity.psnr, fidelity.rmse, fidelity.peak, strict=True)
     for band, decibels, rmse, peak in rows:
-        table.add_row(band, f"{decibels:.2f}", f"{rmse:.4g}", f"{peak:.6g}")
+        table.add_row(Text(printable(band)), f"{decibels:.2f}", f"{rmse:.4g}", f"{peak:.6g}")
     Console(stderr=True).print(table)

@@ -9,9 +9,10 @@ from typing import Any
 
 import click
 
-from geomesh.cli.console import guarded, open_console
+from geomesh.cli.console import exit_code, guarded, open_console
 from geomesh.cli.options import build_recipe, output_options, raster_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.streams import echo
 
 
 @click.command()
@@ -66,5 +67,5 @@ def stages(
         outcome = {"source": source, "output": output, **figures}
         console.result([output], figures, f"{output}: the stages of {source}")
     if as_json:
-        click.echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
-    sys.exit(1 if failures else 0)
+        echo(json.dumps({"results": [outcome], "failed": len(failures)}, indent=2))
+    sys.exit(exit_code(failures, printed=as_json))

@@ -6,13 +6,14 @@ import importlib
 import platform
 from typing import TYPE_CHECKING
 
-import click
-
 from geomesh._version import __version__
+from geomesh.cli.streams import echo
 from geomesh.errors import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import click
 
 # Each library contains its own GDAL or PROJ, and their versions may differ.
 _LIBRARIES = {
@@ -32,9 +33,9 @@ def print_versions(ctx: click.Context, _param: click.Parameter, value: bool) -> 
     if not value or ctx.resilient_parsing:
         return
     # Programs read the first line. The other lines are for people and for bug reports.
-    click.echo(f"geomesh, version {__version__}")
+    echo(f"geomesh, version {__version__}")
     for line in _libraries():
-        click.echo(line)
+        echo(line)
     ctx.exit()
 
 

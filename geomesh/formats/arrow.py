@@ -7,6 +7,7 @@ section 8.2) has a fixed size, and one structured array holds the WKB of all row
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -76,6 +77,16 @@ class Layer:
         (west, south), (east, north) = self.points.min(axis=0), self.points.max(axis=0)
         return float(west), float(south), float(east), float(north)
 
+    @cached_property
+    def _object_types(self) -> Mapping[str, pa.DataType]:
+        """The types of the columns of objects. The rows of one batch may all be null."""
+        found = {
+            name: pa.infer_type(values, from_pandas=True)
+            for name, values in self.columns.items()
+            if values.dtype.kind == "O"
+        }
+        return {name: pa.string() if kind == pa.null() else kind for name, kind in found.items()}
+
     def schema(self, geometry: str, *, bbox: str | None = None) -> pa.Schema:
         """Return the schema of the batches; see `batch` for the parameters."""
         return self.batch(slice(0, 0), geometry, bbox=bbox).schema
@@ -91,7 +102,10 @@ class Layer:
         bbox : str, optional
             Name of a struct column to add, with xmin, ymin, xmax and ymax.
         """
-        arrays = {name: _attribute(values[rows]) for name, values in self.columns.items()}
+        arrays = {
+            name: _attribute(values[rows], self._object_types.get(name))
+            for name, values in self.columns.items()
+        }
         arrays[geometry] = self.geometry(rows)
         if bbox is not None:
             xy = self.points[self.vertices[rows]]
@@ -106,8 +120,10 @@ class Layer:
         return binary(wkb(self.points[self.vertices[rows]], self.geometry_type))
 
 
-def _attribute(values: NDArray[Any]) -> pa.Array:
+def _attribute(values: NDArray[Any], object_type: pa.DataType | None = None) -> pa.Array:
     """Return an Arrow column; NaN becomes null, which every format supports.
+
+    `object_type` is the type of a column of objects.
 
     Columns of numbers and ASCII text are made from buffers: the first call of
     `pyarrow.array` imports pandas, which takes half a second and is not needed.
@@ -115,7 +131,7 @@ def _attribute(values: NDArray[Any]) -> pa.Array:
     if values.dtype.kind == "U":
         return _text(values)
     if values.dtype.kind not in "biuf":
-        return pa.array(values)
+        return pa.array(values, object_type, from_pandas=object_type is not None)
     known = None
     if values.dtype.kind == "f" and (missing := np.isnan(values)).any():
         known = _bits(~missing)

@@ -16,4 +16,12 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
     write_by_gdal(layer, file, stream, write_rows, layer_options={"SPATIAL_INDEX": "YES"})
 
 
-FORMAT = Format("FlatGeobuf", (".fgb",), _write, count_by_gdal, read_document_by_gdal, by_gdal=True)
+FORMAT = Format(
+    "FlatGeobuf",
+    (".fgb",),
+    _write,
+    count_by_gdal,
+    read_document_by_gdal,
+    by_gdal=True,
+    most_columns=65_536,  # a row stores the number of each column in 16 bits
+)

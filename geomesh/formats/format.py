@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from geomesh.errors import OutputError
 from geomesh.parameters import LAYERS, LayerName
 
 if TYPE_CHECKING:
@@ -102,6 +103,8 @@ class Format:
         Only for a format that stores several layers in one file.
     by_gdal : bool
         Whether GDAL writes the format.
+    most_columns, most_rows : int, optional
+        Largest number of attributes and of rows of a layer, if there is a limit.
     """
 
     driver: str
@@ -116,3 +119,19 @@ class Format:
     layer: Callable[[TriangleMesh, LayerName], Layer] = _layer_of
     joining: Joining | None = None
     by_gdal: bool = False
+    most_columns: int | None = None
+    most_rows: int | None = None
+
+    def require_room(
+        self, name: LayerName, *, columns: int = 0, rows: int = 0, way_out: str = "write .parquet"
+    ) -> None:
+        """Raise OutputError if a layer has more columns or rows than the format can store."""
+        for count, most, things in (
+            (columns, self.most_columns, "attributes"),
+            (rows, self.most_rows, "rows"),
+        ):
+            if most is not None and count > most:
+                raise OutputError(
+                    f"{self.driver} can store at most {most} {things} of a layer, and the {name} "
+                    f"would have {count}: {way_out}"
+                )

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from os import PathLike, fspath
+import os
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from os import PathLike
     from pathlib import Path
 
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.formats.format import LayerFile, WriteRows
+
+
+# Characters that change the meaning of a path for pyogrio.
+_SPECIAL = frozenset("!;\t\n\r")
 
 
 def write_by_gdal(
@@ -37,6 +42,7 @@ def write_by_gdal(
     dataset_options, layer_options : mapping of str to str, optional
         GDAL's creation options.
     """
+    from geomesh.formats.crs_text import portable_wkt
     from geomesh.formats.document import KEY
 
     crs, geometry = file.mesh.grid.crs, file.format.geometry
@@ -50,7 +56,7 @@ def write_by_gdal(
         "driver": file.format.driver,
         "geometry_name": geometry,
         "geometry_type": layer.geometry_type,
-        "crs": crs.to_wkt() if crs is not None and with_crs else None,
+        "crs": portable_wkt(crs) if crs is not None and with_crs else None,
         "layer_metadata": {KEY: file.document},
         "dataset_options": dict(dataset_options or {}),
         "layer_options": {**(layer_options or {}), "DESCRIPTION": description},
@@ -75,11 +81,13 @@ def read_document_by_gdal(path: Path) -> str:
 def plain_name(path: str | PathLike[str]) -> str:
     """Return a name with which pyogrio opens exactly this file.
 
-    For pyogrio, "!" and ";" in a path have a special meaning, except in GDAL's virtual file
-    systems. `/vsisubfile/0,` is such a file system: the whole file, from its first byte.
+    pyogrio parses a path as a URL: some characters have a special meaning or are left out, except
+    in GDAL's virtual file systems. `/vsisubfile/0,` is such a file system: the whole file, from
+    its first byte.
     """
-    name = fspath(path)
-    return f"/vsisubfile/0,{name}" if set(name) & set("!;") else name
+    name = os.path.abspath(path)  # noqa: PTH100  (pathlib would not open "zip:mesh.gpkg" either)
+    special = set(name) & _SPECIAL or name.startswith("//")
+    return f"/vsisubfile/0,{name}" if special else name
 
 
 def count_by_gdal(path: Path, layer: str) -> int:

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 DATASET_OPTIONS: Mapping[str, str] = MappingProxyType({"VERSION": "1.2"})
 LAYER_OPTIONS: Mapping[str, str] = MappingProxyType({"SPATIAL_INDEX": "YES"})
 
+# A table of SQLite has at most 2000 columns: of these, GDAL adds `fid` and the geometry.
+_MOST_COLUMNS = 1998
+
 _INDEX = "rtree_{}_geom"
 # Suffixes of the tables in which SQLite stores an R-tree.
 _INDEX_TABLES = ("node", "rowid", "parent")
@@ -172,4 +175,5 @@ FORMAT = Format(
     ignores_case=True,  # as SQLite does for column names
     joining=Joining(_can_join, _finish),
     by_gdal=True,
+    most_columns=_MOST_COLUMNS,
 )

@@ -13,23 +13,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 from pyproj import Transformer
 from pyproj.exceptions import ProjError
 
 from geomesh.arrays.table import Table
 from geomesh.errors import GeoreferenceError
 from geomesh.formats.arrow import Layer, binary, wkb
+from geomesh.formats.lonlat_cut import cut
+from geomesh.formats.lonlat_paths import Follower, Paths, whole_turns
+from geomesh.formats.lonlat_poles import check_poles
+from geomesh.raster.crs import LONLAT, has_angles, is_lonlat, is_on_earth
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import pyarrow as pa
     from numpy.typing import NDArray
+    from pyproj import CRS
 
     from geomesh.arrays.types import Points, Triangles
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parameters import LayerName
-
-LONLAT = "OGC:CRS84"
 
 # RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre. A longitude in float64
 # has 13 decimals.
@@ -38,10 +42,8 @@ _DECIMALS = (7, 9, 11, 13)
 # Significant digits of attributes: the precision of float32.
 _DIGITS = 7
 
-# If the longitude seems to change by more degrees along an edge, the edge is followed in
-# steps, to find out in which direction around the Earth it goes.
-_SUSPECT_TURN = 90.0
-_STEPS = 16
+# So many triangles tell whether the map is mirrored.
+_SAMPLE = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,20 +51,21 @@ class LonLatLayer(Layer):
     """A layer with `points` in longitude and latitude.
 
     Inside a geometry, longitudes continue beyond 180 degrees. Then the geometry is cut there.
+    Latitudes may go beyond 90 degrees by a part of a pixel; they are cut too.
 
     Parameters
     ----------
-    map_points : float64 (N, 2)
-        Node coordinates on the map.
-    transformer : pyproj.Transformer, optional
-        From the map to longitude and latitude. None if x on the map is a longitude: then
-        `points` show in which direction an edge goes.
+    follower : Follower, optional
+        It follows edges, which may be curves in longitude and latitude. None if x and y on the
+        map are these: then edges are straight, and `points` show in which direction they go.
+    mirrored : bool
+        Whether what is counter-clockwise on the map is clockwise here.
     decimals : int
         Number of decimals to which coordinates are rounded.
     """
 
-    map_points: Points
-    transformer: Transformer | None
+    follower: Follower | None
+    mirrored: bool
     decimals: int
 
     @classmethod
@@ -73,79 +76,92 @@ class LonLatLayer(Layer):
         ------
         GeoreferenceError
             If the mesh has no CRS or one of another celestial body, or if nodes have no
-            longitude and latitude (outside the disc of a geostationary image).
+            longitude and latitude (outside the disc of a geostationary image, beyond a pole).
         """
-        transformer = _transformer(mesh)
-        lonlat = np.column_stack(transformer.transform(*mesh.map_nodes.T))
-        off = ~np.isfinite(lonlat).all(axis=1) | (np.abs(lonlat[:, 1]) > 90)
-        if off.any():
+        crs = _crs_on_earth(mesh)
+        to_lonlat = _to_lonlat(crs)
+        check_poles(mesh)
+        lonlat = to_lonlat(mesh.map_nodes)
+        off = np.count_nonzero(np.isnan(lonlat).any(axis=1))
+        if off:
+            crop = "leave them out with `bounds` or `mask`, or " if off < len(lonlat) else ""
             raise GeoreferenceError(
-                "GeoJSON needs longitude and latitude, but "
-                f"{np.count_nonzero(off)} of {len(off)} nodes have none: leave them out with "
-                "`bounds` or `mask`, or write .gpkg"
+                f"GeoJSON needs longitude and latitude, but {off} of {len(lonlat)} nodes have "
+                f"none: {crop}write .gpkg"
             )
-        layer = Layer.of(mesh, name)
-        crs = mesh.grid.crs
-        geographic = crs is not None and crs.is_geographic
-        if crs is not None and geographic:
-            degrees = np.degrees(crs.axis_info[0].unit_conversion_factor)
-            lonlat[:, 0] += _whole_turns(mesh.map_nodes[:, 0] * degrees - lonlat[:, 0])
+        layer, follower = Layer.of(mesh, name), None
+        if is_lonlat(crs):
+            x, y = mesh.map_nodes.T * np.degrees(crs.axis_info[0].unit_conversion_factor)
+            lonlat[:, 0] += whole_turns(x - lonlat[:, 0])
+            lonlat[:, 1] += y - y.clip(-90, 90)
+        else:
+            sides = mesh.triangles[:, :2]
+            follower = Follower.of(mesh.map_nodes, lonlat, mesh.nodes, sides, to_lonlat)
         return cls(
             name,
             Table({name: _rounded(values) for name, values in layer.columns.items()}),
             lonlat,
             layer.vertices,
             layer.geometry_type,
-            map_points=mesh.map_nodes,
-            transformer=None if geographic else transformer,
+            follower=follower,
+            mirrored=_is_mirrored(mesh, to_lonlat),
             decimals=enough_decimals(lonlat, mesh.triangles),
         )
 
     def geometry(self, rows: slice) -> pa.Array:
         """Return the WKB of the given rows; rings are counter-clockwise."""
-        xy = self.points[self.vertices[rows]]
-        turns = _whole_turns(self._unrolled(self.vertices[rows]) - xy[..., 0])
-        middle = ((xy[..., 0] + turns).min(axis=1) + (xy[..., 0] + turns).max(axis=1)) / 2
-        xy[..., 0] += turns - _whole_turns(middle)[:, None]
-        xy = xy.round(self.decimals)
-        lon = xy[..., 0]
-        around = np.zeros(len(xy), np.bool_)
+        nodes = self.vertices[rows]
+        sides, turn, paths = self._follow(nodes)
+        xy = self.points[nodes]
+        lon = xy[:, :1, 0] + np.column_stack([np.zeros(len(xy)), np.cumsum(turn, axis=1)])
+        lon -= whole_turns((lon.min(axis=1) + lon.max(axis=1)) / 2)[:, None]
+        xy[..., 0] += whole_turns(lon - xy[..., 0])
+        if self.geometry_type != "Polygon":
+            beyond = (np.abs(xy[..., 1]) > 90).all(axis=1)
+            xy[beyond, :, 1] = xy[beyond, :, 1].clip(-90, 90)
+        rounded = xy.round(self.decimals)
+        special = (np.abs(rounded) > (180, 90)).any(axis=(1, 2))
         if self.geometry_type == "Polygon":
-            around = lon[:, 0] != lon[:, -1]
+            special |= rounded[:, 0, 0] != rounded[:, -1, 0]
+        if paths is not None:
+            special |= (np.diff(paths.offsets)[sides] > 0).any(axis=1)
+        pieces = {}
+        for row in np.flatnonzero(special).tolist():
+            path = xy[row]
+            if paths is not None:
+                path = paths.along(path, nodes[row], sides[row])
+            if self.mirrored:
+                path = path[::-1]
+            pieces[row] = cut(path.round(self.decimals), self.geometry_type)
+        if self.geometry_type == "Polygon":
             # A side that is straight on the map may be a curve here: a sliver can flip over.
-            clockwise = _orientation(xy) < 0
-            xy[clockwise] = xy[clockwise][:, ::-1]
-        cut = np.flatnonzero((np.abs(lon) > 180).any(axis=1) | around)
-        pieces = {int(row): _cut(xy[row], self.geometry_type) for row in cut}
-        return binary(wkb(xy, self.geometry_type), pieces)
+            clockwise = _orientation(rounded) < 0
+            rounded[clockwise] = rounded[clockwise][:, ::-1]
+        return binary(wkb(rounded, self.geometry_type), pieces)
 
-    def _unrolled(self, nodes: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return longitudes (R, V) that continue from vertex to vertex, without jumps at 180."""
-        lon = self.points[:, 0][nodes]
-        start, stop = nodes[:, :-1], nodes[:, 1:]
-        turn = lon[:, 1:] - lon[:, :-1]
-        if self.transformer is not None:
-            suspect = np.abs(turn) > _SUSPECT_TURN
-            turn[suspect] = self._turn_along(start[suspect], stop[suspect], turn[suspect])
-        return np.column_stack([lon[:, :1], lon[:, :1] + np.cumsum(turn, axis=1)])
+    def _follow(
+        self, nodes: NDArray[np.int32]
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64], Paths | None]:
+        """Follow the sides of geometries (R, V).
 
-    def _turn_along(
-        self, start: NDArray[np.int32], stop: NDArray[np.int32], turn: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the change of longitude along edges that are straight on the map.
-
-        An edge is followed in the same direction for both of its triangles, so they agree.
+        Returns
+        -------
+        sides : int (R, V - 1)
+            Which edge of the paths a side is.
+        turn : float64 (R, V - 1)
+            Change of longitude along the side.
+        paths : Paths or None
+            Of every edge in the direction from its smaller node, so that its two triangles agree.
         """
-        assert self.transformer is not None
+        start, stop = nodes[:, :-1], nodes[:, 1:]
+        if self.follower is None or start.size == 0:
+            turn = self.points[stop, 0] - self.points[start, 0]
+            return np.zeros(start.shape, np.intp), turn, None
         low, high = np.minimum(start, stop), np.maximum(start, stop)
-        part = np.linspace(0, 1, _STEPS + 1)[:, None, None]
-        path = self.map_points[low] * (1 - part) + self.map_points[high] * part
-        lon, _ = self.transformer.transform(path[..., 0], path[..., 1])
-        steps = np.diff(lon, axis=0)
-        total = (steps - _whole_turns(steps)).sum(axis=0) * np.where(start < stop, 1, -1)
-        short = turn - _whole_turns(turn)
-        followed: NDArray[np.float64] = np.where(np.isfinite(total), total, short)
-        return followed
+        keys, sides = np.unique(low * np.int64(len(self.points)) + high, return_inverse=True)
+        paths = self.follower.follow(keys // len(self.points), keys % len(self.points))
+        sides = sides.reshape(start.shape)
+        return sides, np.where(start < stop, 1, -1) * paths.turn[sides], paths
 
 
 def _rounded(values: NDArray[Any]) -> NDArray[Any]:
@@ -173,33 +189,60 @@ def enough_decimals(lonlat: Points, triangles: Triangles) -> int:
     return _DECIMALS[-1]
 
 
-def _transformer(mesh: TriangleMesh) -> Transformer:
+def _crs_on_earth(mesh: TriangleMesh) -> CRS:
     crs = mesh.grid.crs
     if crs is None:
         raise GeoreferenceError(
             "GeoJSON needs longitude and latitude, but the mesh has no CRS: "
             "georeference the raster, or write .gpkg"
         )
+    if not is_on_earth(crs):
+        raise _no_transformation(crs)
+    return crs
+
+
+def _to_lonlat(crs: CRS) -> Callable[[Points], Points]:
+    """Return a function from map coordinates (N, 2) to degrees; NaN where there are none."""
     try:
-        # PROJ itself refuses a transformation between two celestial bodies.
-        return Transformer.from_crs(crs, LONLAT, always_xy=True)
+        transformer = Transformer.from_crs(crs, LONLAT, always_xy=True)
     except ProjError as error:
-        raise GeoreferenceError(
-            "GeoJSON needs longitude and latitude on Earth, but there is no transformation from "
-            f"{crs.name!r} to them: write .gpkg"
-        ) from error
+        raise _no_transformation(crs) from error
+    pole = np.inf
+    if has_angles(crs):
+        # PROJ knows no latitude beyond a pole. Of a grid that reaches there, all that is the pole.
+        pole = np.pi / 2 / crs.axis_info[0].unit_conversion_factor
+
+    def convert(places: Points) -> Points:
+        x, y = places.T
+        lonlat = np.column_stack(transformer.transform(x, y.clip(-pole, pole)))
+        lonlat[~np.isfinite(lonlat).all(axis=1)] = np.nan
+        return lonlat
+
+    return convert
 
 
-def _whole_turns(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest multiple of 360; for -180 and for 180 it is 0."""
-    turns: NDArray[np.float64] = 360 * np.round(degrees / 360)
-    return turns
+def _is_mirrored(mesh: TriangleMesh, to_lonlat: Callable[[Points], Points]) -> bool:
+    """Return whether the map is mirrored, as one is whose x runs to the west and y to the north."""
+    some = mesh.triangles[:: max(len(mesh.triangles) // _SAMPLE, 1)]
+    middle = mesh.map_nodes[some].mean(axis=1)
+    a, b, _, d, e, _ = mesh.grid.transform[:6]
+    steps = np.array([(0, 0), (a, d), (b, e)]) / 16
+    corners = np.stack([to_lonlat(middle + step) for step in steps], axis=1)
+    turned = _orientation(_short_way(corners))
+    return bool(np.nansum(turned) < 0) != mesh.grid.flips
+
+
+def _no_transformation(crs: CRS) -> GeoreferenceError:
+    return GeoreferenceError(
+        "GeoJSON needs longitude and latitude on Earth, but there is no transformation from "
+        f"{crs.name!r} to them: write .gpkg"
+    )
 
 
 def _short_way(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Move the longitudes of (T, 3, 2) to within 180 degrees of the first corner, in place."""
     lon = corners[..., 0]
-    lon -= _whole_turns(lon - lon[:, :1])
+    lon -= whole_turns(lon - lon[:, :1])
     return corners
 
 
@@ -208,36 +251,3 @@ def _orientation(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     (ax, ay), (bx, by) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
     orientation: NDArray[np.float64] = np.sign(ax * by - ay * bx)
     return orientation
-
-
-def _cut(xy: NDArray[np.float64], geometry_type: str) -> Any:
-    """Return the WKB of a geometry that leaves the range -180 to 180, or contains a pole."""
-    turns: tuple[float, ...] = (-360, 0, 360)
-    if geometry_type == "LineString":
-        whole = shapely.LineString(xy)
-    elif xy[0, 0] == xy[-1, 0]:
-        whole = shapely.Polygon(xy)
-    else:
-        # A ring around a pole is closed along the line of latitude 90. The ring goes around
-        # twice, so that one turn from antimeridian to antimeridian can be cut out of it.
-        path = np.vstack([xy, xy[1:] + np.array([xy[-1, 0] - xy[0, 0], 0])])
-        pole = np.copysign(90.0, xy[:, 1].sum())
-        whole = shapely.Polygon([*path, (path[-1, 0], pole), (path[0, 0], pole)])
-        turns = (360 * np.ceil((path[:, 0].min() + 180) / 360),)
-    parts = []
-    for turn in turns:
-        part = shapely.intersection(whole, shapely.box(turn - 180, -90, turn + 180, 90))
-        # A geometry that only touches the antimeridian leaves a line or a point there: drop it.
-        pieces = [
-            piece
-            for piece in shapely.get_parts(part)
-            if piece.geom_type == whole.geom_type and not piece.is_empty
-        ]
-        parts += list(shapely.transform(pieces, lambda at, turn=turn: at - (turn, 0)))
-    if len(parts) == 1:
-        joined = parts[0]
-    elif geometry_type == "LineString":
-        joined = shapely.MultiLineString(parts)
-    else:
-        joined = shapely.MultiPolygon(parts)
-    return shapely.to_wkb(shapely.orient_polygons(joined), byte_order=1)

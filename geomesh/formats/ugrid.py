@@ -6,13 +6,16 @@ reads the data on faces and the CRS. ParaView and xugrid read it too.
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from typing import TYPE_CHECKING, Any
+from unicodedata import combining
 
 from geomesh._version import __version__
 from geomesh.formats.format import Format, LayerFile, WriteRows
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     import numpy as np
@@ -37,6 +40,12 @@ _UNITS = {
     **dict.fromkeys(("min_angle", "max_angle"), "degree"),
 }
 
+# Of the bytes that NetCDF allows (256), enough for the number of a name that occurs twice.
+_LONGEST_NAME = 240
+
+# The size of a variable is stored in 32 bits with a sign; the largest has three corners a face.
+_MOST_FACES = (2**31 - 1) // (3 * 4)
+
 # Few enough for a renderer to list all colours of a mesh.
 _MOST_COLORS = 4096
 
@@ -45,8 +54,9 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
     """Write the triangles of a mesh; the document is stored as a global attribute.
 
     Attributes become data on faces, as float64. `color` becomes 65536 red + 256 green + blue,
-    rounded to fewer levels until there are at most 4096 colours. Other text is left out,
-    because data on faces must be numbers.
+    rounded to fewer levels until there are at most 4096 colours. Other text and dates are left
+    out, because data on faces must be numbers. A name that is not legal in NetCDF becomes the
+    `long_name` of its variable.
     """
     import numpy as np
     from scipy.io import netcdf_file
@@ -80,12 +90,33 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
         units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
-            if name in _TOPOLOGY or (values.dtype.kind == "U" and name != _COLOR):
+            is_color = name == _COLOR and values.dtype.kind == "U"
+            if name in _TOPOLOGY or not (is_color or values.dtype.kind in "biuf"):
                 continue
-            data = _packed(values) if name == _COLOR else values.astype(np.float64)
+            data = _packed(values) if is_color else values.astype(np.float64)
             unit = {"units": units[name]} if name in units else {}
-            _add(dataset, name, ("mesh_face",), data, on_faces | unit)
+            legal = _legal_name(name, dataset.variables)
+            full = {} if legal == name else {"long_name": name.encode()}
+            _add(dataset, legal, ("mesh_face",), data, on_faces | unit | full)
     stream.rows += len(layer)
+
+
+def _legal_name(name: str, taken: Iterable[str]) -> str:
+    """Return a name that every reader of NetCDF accepts: ASCII letters, digits and underscores.
+
+    Letters lose their accents; characters of other scripts become their code points, so that
+    different names stay different for a reader too.
+    """
+    plain = unicodedata.normalize("NFKD", name)
+    parts = (each if each.isascii() else f"u{ord(each):x}" for each in plain if not combining(each))
+    legal = re.sub("[^A-Za-z0-9_]", "_", "".join(parts))
+    legal = legal if legal[:1].isalpha() else f"b_{legal}"
+    stem, turn = legal[:_LONGEST_NAME], 1
+    legal = stem
+    while legal in taken:
+        turn += 1
+        legal = f"{stem}_{turn}"
+    return legal
 
 
 def _add(
@@ -121,21 +152,37 @@ def _placed(crs: CRS | None) -> dict[str, str]:
 
 
 def _crs_attributes(crs: CRS) -> dict[str, Any]:
-    """Return attributes with the CRS as MDAL reads it: an EPSG code, or else WKT."""
+    """Return the CRS as CF has it, and as MDAL reads it: an EPSG code, or else WKT."""
     import numpy as np
 
-    attributes: dict[str, Any] = {"crs_wkt": crs.to_wkt().encode()}
-    code = crs.to_epsg(min_confidence=100)
+    from geomesh.formats.crs_text import cf_attributes, wkt1_or_wkt2
+
+    attributes = cf_attributes(crs)
+    code = None if crs.is_bound else crs.to_epsg(min_confidence=100)
     if code is None:
-        return attributes | {"wkt": crs.to_wkt("WKT1_GDAL").encode()}
-    return attributes | {"epsg": np.int32(code), "EPSG_code": f"EPSG:{code}"}
+        attributes["wkt"] = wkt1_or_wkt2(crs)
+    else:
+        attributes |= {"epsg": np.int32(code), "EPSG_code": f"EPSG:{code}"}
+    return {
+        name: value.encode() if isinstance(value, str) else value
+        for name, value in attributes.items()
+    }
 
 
 def _axis(axis: str, crs: CRS | None) -> dict[str, str]:
-    if crs is not None and crs.is_geographic:
-        name, unit = ("longitude", "east") if axis == "x" else ("latitude", "north")
-        return {"standard_name": name, "units": f"degrees_{unit}"}
-    return {"standard_name": f"projection_{axis}_coordinate"}
+    from geomesh.raster.crs import has_angles, is_rotated
+
+    if crs is None or not has_angles(crs):
+        unit = crs.axis_info[0].unit_name.replace(" ", "_") if crs is not None else "unknown"
+        units = {} if unit == "unknown" else {"units": unit}
+        return {"standard_name": f"projection_{axis}_coordinate", **units}
+    name = "longitude" if axis == "x" else "latitude"
+    unit = crs.axis_info[0].unit_name
+    if is_rotated(crs):
+        return {"standard_name": f"grid_{name}", "units": f"{unit}s"}
+    if unit != "degree":
+        return {"standard_name": name, "units": unit}
+    return {"standard_name": name, "units": f"degrees_{'east' if axis == 'x' else 'north'}"}
 
 
 def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
@@ -159,4 +206,12 @@ def _read_document(path: Path) -> str:
         return document.decode()
 
 
-FORMAT = Format("UGRID", (".nc",), _write, _count_rows, _read_document, layers=("triangles",))
+FORMAT = Format(
+    "UGRID",
+    (".nc",),
+    _write,
+    _count_rows,
+    _read_document,
+    layers=("triangles",),
+    most_rows=_MOST_FACES,
+)

@@ -5,7 +5,9 @@ So an output file is either complete or does not exist.
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import shutil
 import signal
 import stat
@@ -20,9 +22,33 @@ from geomesh.errors import OutputError, one_line
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-# Files that SQLite keeps next to a database. If they stayed, SQLite would apply them to the
-# new database with the same name, and corrupt it.
-_COMPANIONS = ("-wal", "-shm", "-journal")
+# Where GDAL keeps what a file itself cannot hold, such as the CRS of a rotated pole in a GeoTIFF.
+_ASIDE = ".aux.xml"
+
+# Files next to one that is replaced, which would spoil the new one. SQLite would apply its own
+# to a new database with the same name; GDAL would take the old CRS for that of the new file.
+_COMPANIONS = ("-wal", "-shm", "-journal", _ASIDE)
+
+# Characters that pyogrio does not accept in the name of a folder.
+_REFUSED = {
+    "!": "the start of a name in an archive",
+    **dict.fromkeys("\t\n\r", "a character to leave out"),
+}
+
+_WAYS_OUT = {
+    **dict.fromkeys(
+        (errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "free some space or choose another folder"
+    ),
+    errno.ENAMETOOLONG: "give it a shorter name",
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), "allow more open files, as with ulimit -n 4096"),
+}
+
+# Words of libraries when a disk is full or broken.
+_ABOUT_DISK = re.compile(r"\b(disk|space|quota|i/o)\b", re.IGNORECASE)
+
+# Size of a trial file, of which most is a hole, and the bytes that are written to it.
+_TRIAL_SIZE = 100_000_000
+_TRIAL_BYTES = 1_000_000
 
 
 def check_place(target: Path, *, overwrite: bool) -> None:
@@ -34,12 +60,8 @@ def check_place(target: Path, *, overwrite: bool) -> None:
         If `target` exists (unless `overwrite`), is not a regular file, or its folder does
         not exist or cannot be written to.
     """
-    place = Path(os.path.realpath(target))
-    if "!" in str(place.parent):
-        raise OutputError(
-            f"{target} cannot be written: pyogrio would read the text after '!' as the name of a "
-            "file in an archive; choose a folder without '!'"
-        )
+    place = _place(target)
+    _check_name(target, place)
     try:
         if place.exists():
             _check_existing(target, place.stat().st_mode, overwrite=overwrite)
@@ -50,7 +72,30 @@ def check_place(target: Path, *, overwrite: bool) -> None:
         Path(tempfile.mkdtemp(prefix=leftovers_prefix(os.getpid()), dir=place.parent)).rmdir()
     except OSError as error:
         raise OutputError(
-            f"{target} cannot be written: {_reason(error)}; choose another folder"
+            f"{target} cannot be written: {_reason(error)}; {_way_out(error)}"
+        ) from error
+
+
+def _place(target: Path) -> Path:
+    """Return where the file is to be, without links."""
+    place = os.path.realpath(target)
+    # POSIX keeps two slashes at the start; then pyogrio would take a folder for a host.
+    return Path(re.sub("^//+", "/", place) if os.name == "posix" else place)
+
+
+def _check_name(target: Path, place: Path) -> None:
+    for character, meaning in _REFUSED.items():
+        if character in str(place.parent):
+            raise OutputError(
+                f"{target} cannot be written: pyogrio would take {character!r} in the name of a "
+                f"folder for {meaning}; choose a folder without {character!r}"
+            )
+    try:
+        str(place).encode()
+    except UnicodeEncodeError as error:
+        raise OutputError(
+            f"{target} cannot be written: its path is not valid UTF-8; choose another name, or set "
+            "PYTHONUTF8=1"
         ) from error
 
 
@@ -86,7 +131,7 @@ def staged(target: Path, suffix: str, *, overwrite: bool) -> Iterator[Path]:
     OutputError
         If the file cannot be moved to `target`.
     """
-    place = Path(os.path.realpath(target))
+    place = _place(target)
     folder: Path | None = None
     try:
         with writing_to(target), undisturbed():
@@ -137,7 +182,9 @@ def undisturbed() -> Iterator[None]:
 
 
 @contextmanager
-def writing_to(target: str | Path, *libraries: str) -> Iterator[None]:
+def writing_to(
+    target: str | Path, *libraries: str, way_out: str = "choose another folder"
+) -> Iterator[None]:
     """Turn errors of failed writing into OutputError with a message of one line.
 
     Parameters
@@ -147,20 +194,43 @@ def writing_to(target: str | Path, *libraries: str) -> Iterator[None]:
     *libraries : str
         Names of packages whose errors mean, like OSError, that writing failed. The packages
         need not be imported.
+    way_out : str
+        What to do if neither the disk nor the name of the file is the cause.
     """
     try:
         yield
     except Exception as error:
         if not isinstance(error, OSError) and _package(error) not in libraries:
             raise
-        raise OutputError(
-            f"{target} could not be written: {_reason(error)}; free some space or choose another "
-            "folder"
-        ) from error
+        known = isinstance(error, OSError) and error.errno
+        cause = error if known else _try_folder(_place(Path(target)).parent)
+        if cause is not None:
+            way_out = _way_out(cause)
+        elif _ABOUT_DISK.search(str(error)):  # the library has removed what filled it
+            way_out = _WAYS_OUT[errno.ENOSPC]
+        raise OutputError(f"{target} could not be written: {_reason(error)}; {way_out}") from error
 
 
 def _package(error: Exception) -> str:
     return type(error).__module__.partition(".")[0]
+
+
+def _try_folder(folder: Path) -> OSError | None:
+    """Return the error of writing a file to the folder, or None: libraries do not tell it."""
+    try:
+        with tempfile.TemporaryFile(prefix=leftovers_prefix(os.getpid()), dir=folder) as file:
+            file.truncate(_TRIAL_SIZE)  # is there a limit for the size of a file?
+            file.seek(0)
+            file.write(bytes(_TRIAL_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error
+    return None
+
+
+def _way_out(error: Exception) -> str:
+    return _WAYS_OUT.get(getattr(error, "errno", None) or 0, "choose another folder")
 
 
 def leftovers_prefix(pid: int) -> str:
@@ -188,10 +258,13 @@ def _replace(finished: Path, place: Path) -> None:
     try:
         for suffix in _COMPANIONS:
             companion = place.with_name(place.name + suffix)
-            if companion.exists():
+            if os.path.exists(companion):  # noqa: PTH110  (its name may be too long)
                 aside = finished.with_name(companion.name)
                 companion.replace(aside)
                 moved.append((aside, companion))
+        own = finished.with_name(finished.name + _ASIDE)
+        if own.exists():
+            own.replace(place.with_name(place.name + _ASIDE))
         finished.replace(place)
     except BaseException:
         for aside, companion in moved:

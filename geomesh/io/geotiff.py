@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,7 +113,8 @@ def find_style(scene: Scene) -> Style:
                 return Style(dtype, None, {"colorinterp": _COLORS})
             positions = [band.index - 1 for band in scene.bands]
             for name in _BAND_METADATA:
-                metadata[name] = [getattr(dataset, name)[k] for k in positions]
+                with suppress(UnicodeDecodeError):  # units in an old encoding
+                    metadata[name] = [getattr(dataset, name)[k] for k in positions]
             nodata = dataset.nodatavals[positions[0]] if nodata is None else nodata
         # A band of data must not become a mask when the file is read.
         metadata["colorinterp"] = [

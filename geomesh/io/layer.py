@@ -53,7 +53,8 @@ def write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | 
 
 
 def _check_columns(layer: Layer, file_format: Format) -> None:
-    """Refuse column names that the format reserves or cannot distinguish."""
+    """Refuse too many columns or rows, and names that the format reserves or cannot distinguish."""
+    file_format.require_room(layer.name, columns=len(layer.columns), rows=len(layer))
     taken = {file_format.geometry, *file_format.reserved}
     for name in layer.columns:
         key = name.lower() if file_format.ignores_case else name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +14,15 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj import CRS
 
 from geomesh.arrays.table import Table
-from geomesh.errors import GeomeshError, MeshFileError, one_line
+from geomesh.errors import GeomeshError, GeomeshWarning, MeshFileError, one_line
 from geomesh.formats.document import FORMAT, KEY
 from geomesh.formats.gdal import plain_name
+from geomesh.io.columns import added_by_others, can_keep, to_array, to_points
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import build_edges
 from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parameters import LAYERS, LayerName
 from geomesh.raster.grid import Grid
 
 if TYPE_CHECKING:
@@ -30,13 +33,17 @@ if TYPE_CHECKING:
 
 _CORNERS = ("n0", "n1", "n2")
 
+# A node this far from its place, in pixels, was moved.
+_MOVED = 1e-6
+
 
 def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     """Return the mesh in a GeoPackage that `geomesh.io.write.write_mesh` wrote.
 
     Node coordinates are read from the columns `col` and `row`, not from the geometry, so they
-    are the same to the last bit. Constraints are in the order of the edges, with the lower
-    node id first.
+    are the same to the last bit. The geometry of the nodes must agree with them. Constraints are
+    in the order of the edges, with the lower node id first. Columns that another program added
+    to the nodes or triangles come into their tables: numbers, text, truth values and dates.
 
     Parameters
     ----------
@@ -50,7 +57,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     ------
     MeshFileError
         If the file does not exist, is not a GeoPackage of geomesh, has no nodes or no
-        triangles, or if rows or columns were removed after it was written.
+        triangles, or if rows or columns were removed or nodes moved after it was written.
     """
     source = Path(path)
     layers = _find_layers(source)
@@ -63,21 +70,27 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     stored = document["mesh"]
     nodes = _read_columns(source, "nodes", {"col": "<f8", "row": "<f8"}, stored)
     triangles = _read_columns(source, "triangles", dict.fromkeys(_CORNERS, "<i4"), stored)
+    if "edges" in layers:
+        _, dropped = _added(source, "edges", stored)
+        _warn_of_dropped(path, "edges", dropped, "a mesh has no table of edges")
     corners = np.column_stack([triangles.pop(name) for name in _CORNERS])
     if corners.min(initial=0) < 0 or corners.max(initial=0) >= stored["counts"]["nodes"]:
         raise MeshFileError(
             f"{path} has triangles with nodes that do not exist; use the file that geomesh wrote"
         )
-    grid = stored["grid"]
+    about = stored["grid"]
+    grid = Grid(
+        about["width"],
+        about["height"],
+        Affine(*about["transform"]),
+        CRS.from_wkt(about["crs"]) if about["crs"] else None,
+    )
+    pixels = np.column_stack([nodes.pop("col"), nodes.pop("row")])
+    _require_place(source, grid, pixels)
     return TriangleMesh(
-        nodes=np.column_stack([nodes.pop("col"), nodes.pop("row")]),
+        nodes=pixels,
         triangles=corners,
-        grid=Grid(
-            grid["width"],
-            grid["height"],
-            Affine(*grid["transform"]),
-            CRS.from_wkt(grid["crs"]) if grid["crs"] else None,
-        ),
+        grid=grid,
         domain=DomainFacts(**stored["domain"]),
         constraints=_read_constraints(source, layers, corners, stored),
         plane_size=tuple(stored["plane_size"]),
@@ -105,7 +118,12 @@ def _find_layers(path: Path) -> set[str]:
         raise MeshFileError(f"{path} does not exist; check the path")
     try:
         layers = {str(name) for name, _ in pyogrio.list_layers(plain_name(path))}
-        driver = pyogrio.read_info(plain_name(path), layer=min(layers))["driver"] if layers else ""
+        first = min(layers.intersection(LAYERS) or layers, default=None)
+        driver = pyogrio.read_info(plain_name(path), layer=first)["driver"] if layers else ""
+    except UnicodeEncodeError as error:
+        raise MeshFileError(
+            f"{path} cannot be read: its path is not valid UTF-8; rename it, or set PYTHONUTF8=1"
+        ) from error
     except (DataSourceError, DataLayerError) as error:
         raise MeshFileError(
             f"{path} cannot be read as a GeoPackage; use a .gpkg that geomesh wrote"
@@ -126,10 +144,17 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
     MeshFileError
         If the file does not exist, or is not a GeoPackage of geomesh.
     """
-    layer = min(_find_layers(Path(path)))
-    metadata = pyogrio.read_info(plain_name(path), layer=layer)["layer_metadata"] or {}
+    layers = _find_layers(Path(path))
+    # Another program may have added layers, or even have replaced one.
+    metadata = [
+        pyogrio.read_info(plain_name(path), layer=name)["layer_metadata"] or {}
+        for name in LAYERS
+        if name in layers
+    ]
     try:
-        document: dict[str, Any] = json.loads(metadata[KEY])
+        document: dict[str, Any] = json.loads(
+            next((each[KEY] for each in metadata if KEY in each), "null")
+        )
         version = document["mesh"]["format"]
     except (KeyError, TypeError, ValueError) as error:
         raise MeshFileError(
@@ -145,29 +170,73 @@ def read_document(path: str | PathLike[str]) -> dict[str, Any]:
 
 
 def _read_columns(
-    path: Path, layer: str, own: dict[str, str], stored: dict[str, Any]
+    path: Path, layer: LayerName, own: dict[str, str], stored: dict[str, Any]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of a layer in the order of ids, with their original dtypes.
 
-    `own` gives the columns that define the geometry, with their dtypes.
+    `own` gives the columns that define the geometry, with their dtypes. Columns that another
+    program added come last.
     """
     dtypes = own | dict(stored["columns"][layer])
-    table = _read_layer(path, layer, list(dtypes), stored["counts"][layer])
+    added, dropped = _added(path, layer, stored)
+    _warn_of_dropped(path, layer, dropped, "a mesh can keep numbers, text, truth values and dates")
+    table = _read_layer(path, layer, [*dtypes, *added], stored["counts"][layer])
     columns = {}
     for name, text in dtypes.items():
         dtype = np.dtype(text)
-        # In a float column null means NaN. In other columns, and in columns that define the
-        # geometry, null means that a value was removed.
-        if table[name].null_count and (name in own or dtype.kind != "f"):
+        # Null means NaN in a float column, NaT in one of dates and None in one of objects. In
+        # other columns, and in columns that define the geometry, a value was removed.
+        if table[name].null_count and (name in own or dtype.kind not in "fMO"):
             raise MeshFileError(
                 f"{path} has {layer} without a value of {name!r}: values were removed; "
                 "use the file that geomesh wrote"
             )
-        columns[name] = table[name].to_numpy().astype(dtype)
-    return columns
+        columns[name] = to_array(table[name]).astype(dtype)
+    return columns | {name: to_array(table[name]) for name in added}
 
 
-def _read_layer(path: Path, layer: str, names: list[str], rows: int) -> pa.Table:
+def _require_place(path: Path, grid: Grid, nodes: NDArray[np.float64]) -> None:
+    """Raise MeshFileError if another program moved or reprojected the nodes."""
+    about, table = pyogrio.read_arrow(plain_name(path), layer="nodes", columns=["id"])
+    points = to_points(table.sort_by("id")[about["geometry_name"] or "wkb_geometry"])
+    expected = grid.to_map(nodes)
+    pixel = np.abs(np.array(grid.transform[:6])[[0, 1, 3, 4]]).max()
+    allowed = _MOVED * pixel + 4 * np.finfo(np.float64).eps * np.abs(expected).max(initial=0)
+    if points is None or not (np.abs(points - expected) <= allowed).all():
+        raise MeshFileError(
+            f"{path} has nodes that are not where geomesh put them: another program moved or "
+            "reprojected them; use the file that geomesh wrote"
+        )
+
+
+def _added(path: Path, layer: LayerName, stored: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the columns that another program added: those that a mesh keeps, and the others."""
+    known = dict(stored["columns"].get(layer, ()))
+    fields = pyogrio.read_info(plain_name(path), layer=layer)["fields"]
+    added = added_by_others(fields, layer, known)
+    if not added or layer == "edges":
+        return [], added
+    # No row is read, only the types.
+    _, table = pyogrio.read_arrow(
+        plain_name(path), layer=layer, columns=added, read_geometry=False, max_features=1
+    )
+    kept = [name for name in added if can_keep(table.schema.field(name).type)]
+    return kept, [name for name in added if name not in kept]
+
+
+def _warn_of_dropped(
+    path: str | PathLike[str], layer: LayerName, names: list[str], reason: str
+) -> None:
+    if names:
+        warnings.warn(
+            f"{path} has columns of another program in its {layer} that are left out "
+            f"({', '.join(names)}): {reason}",
+            GeomeshWarning,
+            stacklevel=5,
+        )
+
+
+def _read_layer(path: Path, layer: LayerName, names: list[str], rows: int) -> pa.Table:
     """Return the table of a layer in the order of ids."""
     columns = ["id", *names]
     _, table = pyogrio.read_arrow(

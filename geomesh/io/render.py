@@ -107,7 +107,7 @@ def render_file(
             workers=pool,
             progress=part_of(report, 0, 0.6),
         )
-        with writing_to(target, "rasterio"):
+        with writing_to(target, "rasterio", way_out="choose other creation options"):
             sums = _write(temporary, options, surface, scene, pool, part_of(report, 0.6, 0.9))
         try:
             shown = open_scene(temporary, name=str(target))

@@ -250,7 +250,8 @@ class MeshWriter:
     @contextmanager
     def _one_line_failures(self) -> Iterator[None]:
         """Turn a library's error of a failed write into OutputError; pass on other errors."""
-        with writing_to(self._target, "pyogrio", "pyarrow", "sqlite3"):
+        libraries, other = ("pyogrio", "pyarrow", "sqlite3"), "choose another format"
+        with writing_to(self._target, *libraries, way_out=other):
             try:
                 yield
             except Exception:

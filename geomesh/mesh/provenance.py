@@ -48,7 +48,7 @@ class SourceRaster:
     nodata : int, float or None
         The nodata value that the user gave to replace the value of the source.
     area : str or None
-        WKT of the area of interest, in pixel-edge coordinates of the source.
+        The pixels of the area of interest: see `geomesh.raster.pixel_mask.PixelMask.to_text`.
     alpha : {"mask", "data"}
         What bands tagged as alpha were used as.
     unscale : bool

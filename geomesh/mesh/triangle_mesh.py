@@ -16,6 +16,7 @@ from geomesh.mesh.certify import certify
 from geomesh.mesh.quality import Quality, measure, measure_each
 from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
 from geomesh.parameters import LAYERS, LayerName
+from geomesh.raster.crs import crs_label
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -76,9 +77,8 @@ class TriangleMesh:
                 raise ValueError(f"a table has {table.length} rows for {len(rows)} elements")
 
     def __repr__(self) -> str:
-        crs = self.grid.crs.to_string() if self.grid.crs else "no CRS"
         counts = f"{len(self.nodes)} nodes, {len(self.triangles)} triangles"
-        return f"<{type(self).__name__}: {counts}, {crs}>"
+        return f"<{type(self).__name__}: {counts}, {crs_label(self.grid.crs)}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copies and pickles call the constructor, so that their arrays are read-only too.

@@ -92,7 +92,6 @@ class Batch:
         self._opened: tuple[Workers, WriterPool] | None = None
         self._pool = pool
         self._waiting = deque(jobs)
-        self._has_mask = any(job.reading.get("mask") is not None for job in jobs)
         self._tasks: deque[_Task] = deque()
         self._threads = ThreadPoolExecutor(pool.count if pool else 1, "geomesh-batch")
 
@@ -130,9 +129,7 @@ class Batch:
             from geomesh.io.gdal_process import WriterPool, load_pyogrio
             from geomesh.parallel.background import in_background
 
-            # Reading a mask imports geopandas, perhaps at the same time as this import.
-            if not self._has_mask:
-                in_background(load_pyogrio)
+            in_background(load_pyogrio)
             workers = self._stack.enter_context(self._open_workers())
             self._opened = workers, self._stack.enter_context(WriterPool(self._writers))
         return self._opened

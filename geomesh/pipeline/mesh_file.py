@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
-from geomesh.io.write import check_output, open_writer
+from geomesh.formats.registry import find_format
+from geomesh.io.write import check_output, choose_layers, open_writer
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import CORE
 from geomesh.pipeline.existing import find_made
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
-from geomesh.pipeline.mesh_scene import mesh_scene
+from geomesh.pipeline.mesh_scene import count_columns, mesh_scene
 from geomesh.raster.open import open_scene
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def mesh_opened(
     progress: Progress,
 ) -> MeshSummary:
     """Mesh a scene that `open_job` returned: see `mesh_file`."""
+    _require_room(job, scene)
     is_large = scene.grid.width * scene.grid.height >= _LARGE
     with open_writer(
         job.output,
@@ -98,6 +100,25 @@ def mesh_opened(
         writer.finish(mesh, part_of(progress, 0.8, 1))
     warnings = mesh.provenance.warnings if mesh.provenance is not None else ()
     return MeshSummary(len(mesh.nodes), len(mesh.triangles), warnings)
+
+
+def _require_room(job: MeshJob, scene: Scene) -> None:
+    """Raise OutputError if the format cannot store so many columns: before any pixel is read."""
+    file_format = find_format(job.output, job.driver)
+    layers = choose_layers(job.layers, file_format)
+    for name in layers:
+        columns = count_columns(name, len(scene.classes.bands), len(job.recipe.statistics))
+        ways_out = ["choose fewer bands with `bidx`", "write .parquet"]
+        if count_columns(name, len(scene.classes.bands), 1) <= (
+            file_format.most_columns or columns
+        ):
+            ways_out.insert(0, "compute one statistic with `statistics=mean`")
+        if len(layers) > 1 and job.layers is not None:
+            ways_out[-1] += f" with `layers={name}`"
+        try:
+            file_format.require_room(name, columns=columns, way_out=", or ".join(ways_out))
+        except OutputError as error:
+            raise OutputError(f"{job.output} cannot hold the mesh: {error}") from error
 
 
 def fits_one_worker(scene: Scene) -> bool:

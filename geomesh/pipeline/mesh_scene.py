@@ -6,6 +6,7 @@ import threading
 import warnings
 from dataclasses import replace
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -39,19 +40,23 @@ from geomesh.zonal import columns
 from geomesh.zonal import statistics as zonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from concurrent.futures import Executor
 
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Triangles
+    from geomesh.arrays.types import Floats, Triangles
     from geomesh.parallel.workers import Workers
+    from geomesh.parameters import LayerName
     from geomesh.raster.grid import Grid
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
 # Libraries on which a result may depend, in addition to geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
+
+# Number of columns of each layer without those of the bands.
+_OWN_COLUMNS: Mapping[LayerName, int] = MappingProxyType({"triangles": 13, "edges": 7, "nodes": 8})
 
 # Memory that SIFT needs for each pixel, and the gigabytes from which the user gets a warning.
 _SIFT_BYTES = 240
@@ -106,18 +111,16 @@ def mesh_scene(
         )
         if shaped is not None:
             shaped(mesh)
-        statistics = zonal.measure_scene(
-            mesh.nodes, mesh.triangles, scene, workers, part_of(progress, 0.8, 1)
-        )
+        statistics, means = _measure(mesh, scene, recipe, workers, part_of(progress, 0.8, 1))
     _warn(nodes.notes)
-    names = columns.band_names([band.description for band in scene.bands])
+    bands = scene.classes.bands
     return replace(
         mesh,
-        node_table=mesh.node_table.with_columns(columns.node_columns(statistics, names)),
+        node_table=mesh.node_table.with_columns(columns.node_columns(statistics, bands)),
         triangle_table=Table(
             {
-                **columns.triangle_columns(statistics, names, recipe.statistics),
-                "color": _colors(statistics.mean, scene, tone),
+                **columns.triangle_columns(statistics, bands, recipe.statistics),
+                "color": _colors(means, scene, tone),
             }
         ),
         provenance=Provenance(
@@ -135,6 +138,31 @@ def mesh_scene(
     )
 
 
+def _measure(
+    mesh: TriangleMesh, scene: Scene, recipe: Recipe, workers: Workers, progress: Progress
+) -> tuple[zonal.Statistics, Floats]:
+    """Return the statistics of the triangles, and the means (B, T) of the bands of `scene`.
+
+    The statistics of a palette are those of its classes; the means are those of its colours.
+    """
+    measured = scene.classes
+    more = progress if measured is scene else part_of(progress, 0, 0.5)
+    statistics = zonal.measure_scene(
+        *(mesh.nodes, mesh.triangles, measured, workers, more),
+        counted=columns.counted_bands(measured.bands, recipe.statistics),
+        classes=[k for k, band in enumerate(measured.bands) if band.is_class],
+    )
+    if measured is scene:
+        return statistics, statistics.mean
+    more = part_of(progress, 0.5, 1)
+    return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
+
+
+def count_columns(layer: LayerName, bands: int, statistics: int) -> int:
+    """Return the number of columns that a layer of the mesh will have."""
+    return _OWN_COLUMNS[layer] + bands * {"triangles": statistics, "edges": 0, "nodes": 1}[layer]
+
+
 def _load_later_stages(compiling: Callable[[], None]) -> None:
     """Import libraries and load kernels of the later stages, in parallel with the detection.
 
@@ -149,18 +177,16 @@ def _load_later_stages(compiling: Callable[[], None]) -> None:
 def source_of(scene: Scene) -> SourceRaster:
     """Return the information needed to read the same pixels again."""
     window = scene.window
-    names = columns.band_names([band.description for band in scene.bands])
     return SourceRaster(
         name=scene.name,
         window=(window.col, window.row, window.width, window.height),
         bands=tuple(
-            SourceBand(name, band.index, band.description)
-            for name, band in zip(names, scene.bands, strict=True)
+            SourceBand(band.name, band.index, band.description) for band in scene.classes.bands
         ),
         nodata=scene.nodata,
         alpha=scene.alpha,
         unscale=scene.unscale,
-        area=scene.area.wkt if scene.area is not None else None,
+        area=scene.area.to_text() if scene.area is not None else None,
     )
 
 

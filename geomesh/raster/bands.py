@@ -10,6 +10,8 @@ import numpy as np
 from rasterio.enums import ColorInterp
 
 from geomesh.errors import BandError
+from geomesh.raster.band_names import BandText, name_bands
+from geomesh.raster.band_texts import dataset_texts, read_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 
     from geomesh.parameters import Alpha
     from geomesh.raster.nodata import Number
+
+
+_COLORS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
@@ -33,11 +38,17 @@ class Band:
         Description in the file.
     color : {"red", "green", "blue"} or None
         Colour interpretation in the file.
+    name : str
+        Name of its columns in the tables of a mesh: see `geomesh.raster.band_names`.
+    is_class : bool
+        Whether its values are classes: those of a palette, not measurements.
     """
 
     index: int
     description: str | None
     color: str | None
+    name: str
+    is_class: bool = False
 
 
 def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
@@ -50,7 +61,7 @@ def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
 def described_color(band: Band) -> str | None:
     """Return the colour in the description of a band, as in "B4 red", or None."""
     words = re.findall("[a-z]+", (band.description or "").lower())
-    return next((word for word in words if word in ("red", "green", "blue")), None)
+    return next((word for word in words if word in _COLORS), None)
 
 
 def dataset_bands(
@@ -71,24 +82,47 @@ def dataset_bands(
         _require_real(name, dataset.dtypes[index - 1], index if dataset.count > 1 else None)
     dtype = common_type([dataset.dtypes[index - 1] for index in indexes])
     if palette(dataset) is not None:
-        bands = tuple(Band(1, color, color) for color in ("red", "green", "blue"))
+        bands = tuple(Band(1, color, color, color) for color in _COLORS)
         return bands, np.dtype(np.uint8)
-    colors = {c: c.name for c in (ColorInterp.red, ColorInterp.green, ColorInterp.blue)}
-    tagged = zip(dataset.descriptions, map(colors.get, dataset.colorinterp), strict=True)
-    known = [Band(index, *tags) for index, tags in enumerate(tagged, start=1)]
+    known = _known_bands(dataset)
     return tuple(known[index - 1] for index in indexes), dtype
+
+
+def class_band(dataset: rasterio.DatasetReader) -> tuple[Band, np.dtype[Any]] | None:
+    """Return the band of a palette raster and its data type; None for other rasters."""
+    if palette(dataset) is None:
+        return None
+    return _known_bands(dataset)[0], np.dtype(dataset.dtypes[0])
+
+
+def _known_bands(dataset: rasterio.DatasetReader) -> list[Band]:
+    names = name_bands(dataset_texts(dataset))
+    descriptions = read_descriptions(dataset)
+    tagged = zip(descriptions, dataset.colorinterp, dataset.dtypes, names, strict=True)
+    return [
+        Band(
+            index,
+            description,
+            color.name if color.name in _COLORS else None,
+            name,
+            is_class=color == ColorInterp.palette and np.dtype(dtype).kind in "ui",
+        )
+        for index, (description, color, dtype, name) in enumerate(tagged, start=1)
+    ]
 
 
 def array_bands(
     name: str,
     dtype: np.dtype[Any],
     descriptions: Sequence[str | None],
+    texts: Sequence[BandText],
     bidx: Sequence[int] | None,
 ) -> tuple[Band, ...]:
     """Return the chosen bands of an array that has one band for each description."""
     _require_real(name, dtype)
     chosen = _choose(name, bidx, len(descriptions), ())
-    return tuple(Band(index, descriptions[index - 1], None) for index in chosen)
+    names = name_bands(texts)
+    return tuple(Band(k, descriptions[k - 1], None, names[k - 1]) for k in chosen)
 
 
 def _choose(name: str, bidx: Sequence[int] | None, count: int, alphas: Sequence[int]) -> list[int]:

@@ -11,13 +11,16 @@ import numpy as np
 from affine import Affine
 
 from geomesh.errors import GeoreferenceError, SourceError, extra_required, one_line
+from geomesh.raster.dataarray_bands import describe_bands, read_scalings
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.nodata import Number, parse_nodata
-from geomesh.raster.scaling import Scaling, read_scalings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from xarray import DataArray, Variable
+
+    from geomesh.raster.band_names import BandText
+    from geomesh.raster.scaling import Scaling
 
 # Names of the third dimension: from rioxarray, from Dataset.to_dataarray() and from openEO.
 _BAND_DIMENSIONS = ("band", "variable", "bands")
@@ -42,6 +45,8 @@ class ArrayRaster:
     nodata : float, optional
     descriptions : tuple of str or None, optional
         One for each band.
+    texts : tuple of BandText, optional
+        One for each band: what to name it after.
     scalings : tuple of (float, float), optional
         Scale and offset of each band.
     """
@@ -53,6 +58,7 @@ class ArrayRaster:
     gcps: tuple[Any, Any] = ((), None)
     nodata: Number | None = None
     descriptions: tuple[str | None, ...] | None = None
+    texts: tuple[BandText, ...] | None = None
     scalings: tuple[Scaling, ...] | None = None
 
     rpcs = None
@@ -177,7 +183,7 @@ def read_dataarray(
         crs,
         (source.rio.get_gcps() or (), crs),
         _nodata(name, source),
-        _descriptions(source, others[0] if others else None),
+        *describe_bands(source, others[0] if others else None),
         read_scalings(name, source, others[0] if others else None),
     )
 
@@ -203,24 +209,6 @@ def _nodata(name: str, source: DataArray) -> Number | None:
         ) from error
     # NaN is never valid, and rioxarray's masking replaces the nodata value with NaN.
     return None if nodata is None or np.isnan(nodata) else parse_nodata(nodata)
-
-
-def _descriptions(source: DataArray, dimension: Any) -> tuple[str | None, ...]:
-    """Return the name of each band: its label, or its description in the file.
-
-    rioxarray numbers the bands of a file from 1 and keeps all descriptions. So the number
-    of a band gives its description, even after some bands were selected.
-    """
-    count = 1 if dimension is None else source.sizes[dimension]
-    coordinate = source.coords.get("band" if dimension is None else dimension)
-    labels = np.arange(1, count + 1) if coordinate is None else np.atleast_1d(coordinate.values)
-    if labels.dtype.kind in "UO":
-        return tuple(map(str, labels))
-    stored = source.attrs.get("long_name", ())
-    names = (stored,) * (count == 1) if isinstance(stored, str) else tuple(stored)
-    if labels.dtype.kind not in "iu" or labels.min() < 1 or labels.max() > len(names):
-        return (None,) * count
-    return tuple(names[label - 1] for label in labels)
 
 
 def _transform(name: str, source: DataArray, x: Any, y: Any) -> Affine:

@@ -28,6 +28,8 @@ CACHE_BYTES = 256_000_000
 # Never take pixels from overviews, because they may hold anything. A VRT with larger pixels
 # than its sources would.
 _NO_OVERVIEWS = {"GDAL_OVERVIEW_OVERSAMPLING_THRESHOLD": "0"}
+# Without it GDAL drops the datum shift in a GeoTIFF whose datum has a code.
+_STRIP_SHIFT = "OSR_STRIP_TOWGS84"
 
 # One handle on a local file is enough for this many cores; see Handles.borrow.
 _CORES_A_HANDLE = 8
@@ -203,7 +205,8 @@ def open_raster(name: str, *, side_files: bool = True) -> rasterio.DatasetReader
     """
     without = nullcontext() if side_files else rasterio.Env(GDAL_PAM_ENABLED=False)
     try:
-        with _lock, warnings.catch_warnings(), without:  # warning filters belong to all threads
+        # Warning filters and GDAL's settings are shared by all threads.
+        with _lock, warnings.catch_warnings(), without, _own_shifts():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             return rasterio.open(name)
     except (RasterioError, ValueError, TypeError) as error:
@@ -214,6 +217,17 @@ def open_raster(name: str, *, side_files: bool = True) -> rasterio.DatasetReader
         elif not is_remote(name) and path.is_dir():
             reason = "is a folder; name the raster files in it"
         raise SourceError(f"{name}: {reason}") from error
+
+
+@contextmanager
+def _own_shifts() -> Iterator[None]:
+    before = get_gdal_config(_STRIP_SHIFT, normalize=False)
+    set_gdal_config(_STRIP_SHIFT, "NO", normalize=False)
+    try:
+        yield
+    finally:
+        # "YES" is the default, and there is no public way to unset it.
+        set_gdal_config(_STRIP_SHIFT, before or "YES", normalize=False)
 
 
 def is_remote(name: str) -> bool:

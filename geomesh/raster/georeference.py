@@ -6,16 +6,17 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pyproj import CRS
 from rasterio.transform import from_gcps
 
 from geomesh.errors import GeoreferenceError, one_line
+from geomesh.raster.crs import is_of_map, to_pyproj
 from geomesh.raster.grid import IDENTITY, Grid
 
 if TYPE_CHECKING:
     import rasterio
     from affine import Affine
     from numpy.typing import NDArray
+    from pyproj import CRS
 
     from geomesh.raster.dataarray import ArrayRaster
 
@@ -36,14 +37,14 @@ def georeference(
         Used instead of the dataset's own CRS.
     """
     gcps, gcp_crs = dataset.gcps
-    crs = given or _crs(name, dataset.crs)
+    crs = _of_map(name, given or _crs(name, dataset.crs))
     if dataset.transform != IDENTITY or (crs is not None and not gcps):
         notes = () if crs else (_NO_CRS.format(name),)
         return _grid(name, dataset, dataset.transform, crs), notes
     pixels = np.array([(gcp.col, gcp.row) for gcp in gcps], np.float64).reshape(-1, 2)
     places = np.array([(gcp.x, gcp.y) for gcp in gcps], np.float64).reshape(-1, 2)
     if _spread(pixels) and _spread(places):
-        fitted = _grid(name, dataset, from_gcps(gcps), given or _crs(name, gcp_crs))
+        fitted = _grid(name, dataset, from_gcps(gcps), _of_map(name, given or _crs(name, gcp_crs)))
         offsets = fitted.to_map(pixels) - places
         residual = float(np.sqrt((offsets**2).sum(axis=1).mean()))
         pixel = math.sqrt(abs(fitted.transform.determinant))
@@ -83,13 +84,18 @@ def _spread(points: NDArray[np.float64]) -> bool:
 
 
 def _crs(name: str, crs: Any) -> CRS | None:
-    """Convert a CRS of rasterio to pyproj, by its authority code if it has one."""
-    if not crs:
-        return None
     try:
-        authority = crs.to_authority()
-        return CRS.from_authority(*authority) if authority else CRS.from_wkt(crs.to_wkt())
+        return to_pyproj(crs)
     except Exception as error:
         raise GeoreferenceError(
             f"{name} has a CRS that PROJ cannot read ({one_line(error)}); give another with `crs`"
         ) from error
+
+
+def _of_map(name: str, crs: CRS | None) -> CRS | None:
+    if crs is not None and not is_of_map(crs):
+        raise GeoreferenceError(
+            f"{name} has the {crs.type_name} {crs.name!r}, in which x and y are no place on a "
+            "map: give that of its columns and rows with `crs`"
+        )
+    return crs

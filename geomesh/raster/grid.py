@@ -11,6 +11,7 @@ from affine import Affine
 
 from geomesh.errors import GeoreferenceError
 from geomesh.raster.areas import ellipsoidal_areas, signed_areas
+from geomesh.raster.crs import has_angles, to_geodetic
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -147,10 +148,11 @@ class Grid:
 
         Not 1 for a geographic CRS: there a degree of longitude is shorter than one of latitude.
         """
-        if self.crs is None or not self.crs.is_geographic:
+        if self.crs is None or not has_angles(self.crs):
             return 1.0
         _, south, _, north = self.bounds()
-        return float(1 / max(np.cos(np.radians((south + north) / 2)), 0.1))
+        middle = (south + north) / 2 * self.crs.axis_info[0].unit_conversion_factor
+        return float(1 / max(np.cos(middle), 0.1))
 
     def window(self, window: Window) -> Grid:
         """Return the grid of the pixels in `window`."""
@@ -192,24 +194,29 @@ class Grid:
         Returns
         -------
         float64 (T,)
-            Square metres: planar in a projected CRS, on the ellipsoid in a
-            geographic one. Without a CRS, square pixels.
+            Square metres: planar in a projected CRS; on the ellipsoid, of whatever planet, in
+            a geographic one, of a rotated pole too. Without a CRS, square pixels.
         """
         places = self.to_map(points)
         if self.crs is None:
             return np.abs(signed_areas(places, triangles))
-        unit = self.crs.axis_info[0].unit_conversion_factor if self.crs.axis_info else 1.0
-        if self.crs.is_geographic:
-            ellipsoid = self.crs.ellipsoid
-            if ellipsoid is None:
-                raise GeoreferenceError(
-                    f"the CRS {self.crs.name!r} has no ellipsoid, so areas cannot be measured: "
-                    "give another CRS"
-                )
-            return ellipsoidal_areas(
-                places * unit, triangles, ellipsoid.semi_major_metre, ellipsoid.semi_minor_metre
+        # 0 stands for an unknown unit.
+        x_unit, y_unit = (axis.unit_conversion_factor or 1.0 for axis in self.crs.axis_info[:2])
+        if not has_angles(self.crs):
+            return np.abs(signed_areas(places, triangles)) * (x_unit * y_unit)
+        ellipsoid = self.crs.ellipsoid
+        if ellipsoid is None:
+            raise GeoreferenceError(
+                f"the CRS {self.crs.name!r} has no ellipsoid, so areas cannot be measured: "
+                "give another CRS"
             )
-        return np.abs(signed_areas(places, triangles)) * unit**2
+        return ellipsoidal_areas(
+            places * x_unit,
+            triangles,
+            ellipsoid.semi_major_metre,
+            ellipsoid.semi_minor_metre,
+            to_geodetic(self.crs),
+        )
 
 
 def snap(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from affine import Affine
-from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.io import BufferedDatasetWriter, DatasetReader, DatasetWriter
 from rasterio.vrt import WarpedVRT
@@ -19,8 +18,10 @@ from rasterio.vrt import WarpedVRT
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.parameters import ALPHA, Alpha
 from geomesh.raster.alpha import note_on_alpha
-from geomesh.raster.bands import array_bands, dataset_bands, palette
+from geomesh.raster.band_names import BandText
+from geomesh.raster.bands import array_bands, class_band, dataset_bands, palette
 from geomesh.raster.crop import restrict
+from geomesh.raster.crs import to_pyproj
 from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
 from geomesh.raster.gdal import BorrowedDataset, open_raster
 from geomesh.raster.georeference import georeference
@@ -33,6 +34,7 @@ from geomesh.raster.side_files import find_contradiction
 
 if TYPE_CHECKING:
     import rasterio
+    from pyproj import CRS
     from xarray import DataArray
 
 _DATASETS = (DatasetReader, DatasetWriter, BufferedDatasetWriter, WarpedVRT)
@@ -51,6 +53,7 @@ def open_scene(
     crs: Any = None,
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
+    mask_layer: str | None = None,
     name: str | None = None,
 ) -> Scene:
     """Open a source and return it as a Scene. Only a few pixels of an alpha band are read yet.
@@ -73,10 +76,14 @@ def open_scene(
     crs : str, int or pyproj.CRS, optional
         Used instead of the file's own CRS. The raster is not reprojected.
     bounds : (west, south, east, north), optional
-        Box in map coordinates to crop to. All rows and columns that it touches are kept.
-        On a rotated grid, the pixels whose centre is in the box are kept.
-    mask : path, GeoDataFrame or GeoSeries, optional
-        Polygons of the area of interest. They are reprojected to the CRS of the raster.
+        Box in map coordinates. The pixels whose centre is in the box are kept. In longitude and
+        latitude, west may be greater than east: then the box crosses the antimeridian.
+    mask : path, GeoDataFrame, GeoSeries, shapely geometry, GeoJSON mapping or WKT, optional
+        Polygons of the area of interest, in any CRS. The pixels whose centre is in a polygon
+        are kept. A geometry without a CRS is in the coordinates of the raster; a GeoJSON
+        mapping is in longitude and latitude.
+    mask_layer : str, optional
+        The layer to use, if `mask` is a file with several.
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
 
@@ -115,14 +122,18 @@ def open_scene(
             f"cannot open a {type(source).__name__} as a raster: give a path, an open rasterio "
             "dataset, an xarray.DataArray or (array, transform, crs)"
         )
+    if mask_layer is not None and mask is None:
+        raise SourceError("`mask_layer` chooses a layer of `mask`, which is not given")
     if bounds is not None or mask is not None:
-        scene = restrict(scene, bounds=bounds, mask=mask)
+        scene = restrict(scene, bounds=bounds, mask=mask, mask_layer=mask_layer)
     return scene
 
 
-def _parse_crs(label: str, crs: Any) -> CRS:
+def _parse_crs(label: str, crs: Any) -> CRS | None:
     try:
-        return CRS.from_user_input(crs)
+        if crs == "":
+            raise CRSError("it is empty")
+        return to_pyproj(crs)
     except CRSError as error:
         raise GeoreferenceError(
             f"{label} {crs!r} is unknown ({one_line(error)}); give a code such as EPSG:32722"
@@ -153,7 +164,9 @@ def _array_scene(
     raster: ArrayRaster, bidx: Sequence[int] | None, given: CRS | None, values: _Values
 ) -> Scene:
     name, array = raster.name, raster.array
-    bands = array_bands(name, array.dtype, raster.descriptions or (None,) * len(array), bidx)
+    descriptions = raster.descriptions or (None,) * len(array)
+    texts = raster.texts or (BandText(),) * len(array)
+    bands = array_bands(name, array.dtype, descriptions, texts, bidx)
     indexes = [band.index for band in bands]
     scalings, on_scale = choose_scalings(
         name, raster.scalings or (PLAIN,) * len(array), indexes, unscale=values.unscale
@@ -232,6 +245,7 @@ def _dataset_scene(
         SCALED if scalings else dtype,
         source,
         (dataset.width, dataset.height),
+        class_band=class_band(dataset),
         nodata=values.nodata,
         alpha=values.alpha,
         unscale=values.unscale,

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geomesh.errors import BandError, SourceError, one_line
+from geomesh.errors import BandError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-    from xarray import DataArray
 
 # Scale and offset of a band.
 Scaling = tuple[float, float]
@@ -90,36 +89,3 @@ def apply_scalings(
             np.multiply(stored[k], scale, out=bands[k], dtype=SCALED)
             bands[k] += offset
     return bands
-
-
-def read_scalings(name: str, source: DataArray, dimension: Any) -> tuple[Scaling, ...]:
-    """Return the scale and offset of each band.
-
-    They are attributes of stored values. Of scaled values, xarray and rioxarray keep them
-    elsewhere, as an encoding.
-    """
-    labels, columns = _labels(source, dimension), []
-    for single, several, plain in zip(
-        ("scale_factor", "add_offset"), ("scales", "offsets"), PLAIN, strict=True
-    ):
-        try:
-            given = np.asarray(source.attrs.get(several, ()), np.float64).ravel()
-            if single in source.attrs:
-                given = np.full(len(labels), float(source.attrs[single]))
-            elif given.size and labels.dtype.kind in "iu" and labels.min() >= 1:
-                given = given[labels - 1]
-        except (TypeError, ValueError, IndexError) as error:
-            raise SourceError(
-                f"{name} has an invalid scale or offset ({one_line(error)}); correct or remove "
-                f"its attributes {single} and {several}"
-            ) from error
-        columns.append(given.tolist() if len(given) == len(labels) else [plain] * len(labels))
-    return tuple(zip(*columns, strict=True))
-
-
-def _labels(source: DataArray, dimension: Any) -> NDArray[Any]:
-    """Return the numbers of the bands in the file, as rioxarray keeps them; else 1, 2, ..."""
-    key = "band" if dimension is None else dimension
-    if key in source.coords:  # coords.get() would number bands without labels from 0
-        return np.atleast_1d(source.coords[key].values)
-    return np.arange(1, 2 if dimension is None else source.sizes[dimension] + 1)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
-from affine import Affine
 from rasterio.errors import RasterioError
 
 from geomesh.errors import SourceError, one_line
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from geomesh.parameters import Alpha
     from geomesh.raster.grid import Grid, Window
     from geomesh.raster.nodata import Number
+    from geomesh.raster.pixel_mask import PixelMask
     from geomesh.raster.scaling import Scaling
 
 
@@ -61,10 +61,10 @@ class Scene:
         Scale and offset to apply to each band; empty for the stored values.
     side_files : bool
         Whether GDAL may read metadata from side files (.aux.xml).
-    area : shapely geometry or None
-        Area of interest, in pixel-edge coordinates of the file. Pixels whose centre is
-        outside are invalid. Its coordinates are rounded to the lattice of nodes, so that a
-        pixel is inside or outside for every window.
+    area : PixelMask or None
+        Area of interest. Pixels outside are invalid.
+    class_band : (Band, numpy.dtype) or None
+        The band of a palette, whose values are classes; `classes` returns a scene of it.
     notes : tuple of str
         Notes about the georeference and the values, for the user.
     reading : str
@@ -83,7 +83,8 @@ class Scene:
     unscale: bool = False
     scalings: tuple[Scaling, ...] = ()
     side_files: bool = True
-    area: Any = None
+    area: PixelMask | None = None
+    class_band: tuple[Band, np.dtype[Any]] | None = None
     notes: tuple[str, ...] = ()
     reading: str = field(default_factory=lambda: uuid4().hex, repr=False)
 
@@ -106,6 +107,14 @@ class Scene:
         """
         described = find_rgb([described_color(band) for band in self.bands])
         return self.rgb or described or ((0, 1, 2) if len(self.bands) > 2 else (0, 0, 0))
+
+    @property
+    def classes(self) -> Scene:
+        """The scene of the stored classes of a palette; of other rasters, the scene itself."""
+        if self.class_band is None:
+            return self
+        band, dtype = self.class_band
+        return replace(self, bands=(band,), dtype=dtype)
 
     @contextmanager
     def open(self) -> Iterator[Scene]:
@@ -173,6 +182,8 @@ class Scene:
         if colors is not None:
             entries = colors[np.clip(stored[0], 0, len(colors) - 1)]
             valid &= entries[..., 3] > 0
+            if self.bands[0].is_class:
+                return convert(stored, valid, self.dtype, ())
             wanted = [{"red": 0, "green": 1, "blue": 2}[str(b.color)] for b in self.bands]
             stored = np.ascontiguousarray(np.moveaxis(entries[..., wanted], -1, 0))
         return convert(stored, valid, self.dtype, self.scalings)
@@ -180,27 +191,18 @@ class Scene:
     def _narrowed(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
         """Mark pixels as invalid that are outside the area of interest."""
         if self.area is not None:
-            from rasterio.features import geometry_mask
-
-            height, width = valid.shape
-            scale = window.width / width, window.height / height
-            to_file = Affine(scale[0], 0, window.col, 0, scale[1], window.row)
-            valid &= geometry_mask([self.area], valid.shape, to_file, invert=True)
+            valid &= self.area.read(window, valid.shape)
         return valid
 
     def excerpt(self, window: Window) -> Scene:
-        """Return a scene for a worker that reads only `window`. An array is cut to it."""
-        if not isinstance(self.source, Excerpt):
-            return self
+        """Return a scene for a worker that reads only `window`. What is in memory is cut to it."""
         base = self.window
         there = replace(window, col=window.col + base.col, row=window.row + base.row)
-        return replace(self, source=self.source.cut(there))
+        source = self.source.cut(there) if isinstance(self.source, Excerpt) else self.source
+        return replace(self, source=source, area=self.area.cut(there) if self.area else None)
 
-    def crop(self, window: Window, area: Any = None) -> Scene:
-        """Return the part of the scene in `window` and in `area`.
-
-        `window` is in pixels of this scene, `area` in pixel-edge coordinates of the file.
-        """
+    def crop(self, window: Window, area: PixelMask | None = None) -> Scene:
+        """Return the part of the scene in `window`, which is in its pixels, and in `area`."""
         return replace(
             self,
             grid=self.grid.window(window),

@@ -8,9 +8,10 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pyproj import CRS
+from pyproj.exceptions import CRSError
 from rasterio.enums import ColorInterp
 
+from geomesh.raster.crs import crs_label, same_crs, to_pyproj
 from geomesh.raster.gdal import open_raster
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.nodata import stored_range
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     import rasterio
+    from pyproj import CRS
 
 _ENDINGS = (".aux.xml", ".aux")
 
@@ -64,8 +66,10 @@ def find_contradiction(dataset: rasterio.DatasetReader) -> Contradiction | None:
 
 
 def _contradicted(own: rasterio.DatasetReader, other: rasterio.DatasetReader) -> Iterator[str]:
-    if own.crs and not _same_crs(own.crs, other.crs):
-        yield f"CRS {_name(other.crs)} instead of {_name(own.crs)}"
+    if own.crs:
+        said, otherwise = _crs(own), _crs(other)
+        if not same_crs(said, otherwise):
+            yield f"CRS {crs_label(otherwise)} instead of {crs_label(said)}"
     if not _same_place(own, other):
         yield "another georeference"
     for label, attribute, unsaid, is_same in _OF_BANDS:
@@ -82,15 +86,11 @@ def _contradicted(own: rasterio.DatasetReader, other: rasterio.DatasetReader) ->
         yield f"other {_NODATA_VALUES}"
 
 
-def _same_crs(one: Any, other: Any) -> bool:
-    """Return whether two CRSs of rasterio differ at most in the order of their axes."""
-    if not other or one == other:
-        return bool(other)
+def _crs(dataset: rasterio.DatasetReader) -> CRS | None:
     try:
-        parsed = [CRS.from_wkt(crs.to_wkt()) for crs in (one, other)]
-    except Exception:  # of several libraries
-        return False
-    return bool(parsed[0].equals(parsed[1], ignore_axis_order=True))
+        return to_pyproj(dataset.crs)
+    except CRSError:
+        return None
 
 
 def _same_place(own: rasterio.DatasetReader, other: rasterio.DatasetReader) -> bool:
@@ -140,10 +140,6 @@ def _colors(dataset: rasterio.DatasetReader) -> Any:
 
 
 def _name(value: Any) -> str:
-    if not value and value != 0:
+    if value is None:
         return "none"
-    if isinstance(value, ColorInterp):
-        return str(value.name)
-    if isinstance(value, int | float):
-        return f"{value:.10g}"
-    return str(value.to_string())
+    return str(value.name) if isinstance(value, ColorInterp) else f"{value:.10g}"

@@ -16,7 +16,6 @@ from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.workers import Workers, open_workers
 from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
 from geomesh.surface.original import open_original
-from geomesh.zonal.columns import band_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -170,7 +169,7 @@ def summarise(scene: Scene, parts: Iterable[ErrorSums]) -> Fidelity:
     # A band with only one value has no range; then it usually has no error either.
     share = np.divide(rmse, peak, out=rmse.copy(), where=peak > 0)
     return Fidelity(
-        bands=tuple(band_names([band.description for band in scene.bands])),
+        bands=tuple(band.name for band in scene.bands),
         pixels=errors.pixels,
         peak=tuple(peak.tolist()),
         rmse=tuple(rmse.tolist()),

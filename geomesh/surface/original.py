@@ -5,14 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 
 from geomesh.errors import BandError, GeoreferenceError
+from geomesh.raster.crs import crs_label, horizontal, same_crs
 from geomesh.raster.grid import LATTICE, Grid, Window
 from geomesh.raster.open import Source, open_scene
+from geomesh.raster.pixel_mask import PixelMask
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from pyproj import CRS
 
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parameters import Alpha
@@ -77,17 +80,17 @@ def open_original(
         # The area is in pixels of the source of the mesh. In this raster, the part that the
         # mesh covers may have another position.
         col, row = made_from.window[:2]
-        moved = np.array([window.col - col, window.row - row])
-        area = shapely.transform(shapely.from_wkt(made_from.area), lambda xy: xy + moved)
+        area = PixelMask.from_text(made_from.area).move(window.col - col, window.row - row)
     return scene.crop(window, area)
 
 
 def _find(grid: Grid, scene: Scene) -> Window:
     """Return the window of a scene that has the pixels of a mesh's grid."""
-    if grid.crs != scene.grid.crs:
+    if not _same_plane(grid.crs, scene.grid.crs):
         raise GeoreferenceError(
-            f"the mesh is in {_crs(grid)} and {scene.name} in {_crs(scene.grid)}: use the raster "
-            "from which the mesh was made, or give the CRS that was used then with `crs`"
+            f"the mesh is in {crs_label(grid.crs)} and {scene.name} in "
+            f"{crs_label(scene.grid.crs)}: use the raster from which the "
+            "mesh was made, or give the CRS that was used then with `crs`"
         )
     corners = np.array([(0, 0), (grid.width, 0), (grid.width, grid.height), (0, grid.height)])
     there = scene.grid.to_pixel(grid.to_map(corners))
@@ -103,8 +106,11 @@ def _find(grid: Grid, scene: Scene) -> Window:
     return window
 
 
-def _crs(grid: Grid) -> str:
-    return grid.crs.to_string() if grid.crs else "no CRS"
+def _same_plane(one: CRS | None, other: CRS | None) -> bool:
+    """Return whether x and y mean the same; heights and a datum shift do not matter here."""
+    if one is None or other is None:
+        return one is other
+    return same_crs(horizontal(one), horizontal(other))
 
 
 def _lattice(grid: Grid) -> str:

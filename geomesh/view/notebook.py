@@ -12,6 +12,7 @@ import numpy as np
 from pyproj.exceptions import ProjError
 
 from geomesh.errors import GeoreferenceError, OutputError, extra_required
+from geomesh.formats.lonlat import LonLatLayer
 from geomesh.mesh.colors import brightened, format_colors, parse_colors
 from geomesh.view.thumbnail import thumbnail
 
@@ -145,16 +146,16 @@ def explore(
     attributes = mesh.attributes("triangles")
     if column not in attributes:
         raise ValueError(f"column is {column!r}: choose from {', '.join(attributes)}")
-    means = [name for name in attributes if name.endswith("_mean")][:_MOST_BANDS]
-    tooltip = ["id", "area", *means]
+    shown = [name for name in attributes if name.endswith(("_mean", "_majority"))][:_MOST_BANDS]
+    tooltip = ["id", "area", *shown]
     filled: dict[str, Any] = {"column": column}
     if column == "color":
         filled = {"color": format_colors(brightened(parse_colors(attributes["color"])))}
     elif column not in tooltip:
         tooltip.append(column)
-    shown = {"tooltip": tooltip, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
+    style = {"tooltip": tooltip, "style_kwds": {"weight": 0.5, "fillOpacity": 0.8}}
     frame = _on_earth(mesh)[[*tooltip, "geometry"]]
-    return frame.explore(**{**shown, **filled, **options})
+    return frame.explore(**{**style, **filled, **options})
 
 
 def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
@@ -162,6 +163,8 @@ def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
     for library in ("folium", "mapclassify", "matplotlib"):
         with extra_required(library, "notebook"):
             importlib.import_module(library)
+    import geopandas as gpd
+
     crs = mesh.grid.crs
     if crs is None:
         raise GeoreferenceError(
@@ -180,4 +183,7 @@ def _on_earth(mesh: TriangleMesh) -> gpd.GeoDataFrame:
             "some nodes have no longitude and latitude, which the web map needs: leave them out "
             "with bounds= or mask=, or draw the mesh with mesh.plot()"
         )
-    return frame
+    # As in GeoJSON: cut at the antimeridian, and whole around a pole.
+    layer = LonLatLayer.of(mesh, "triangles")
+    shapes = layer.geometry(slice(0, len(layer))).to_numpy(zero_copy_only=False)
+    return frame.set_geometry(gpd.GeoSeries.from_wkb(shapes, crs=4326))

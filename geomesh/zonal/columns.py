@@ -1,60 +1,69 @@
-"""Turn band statistics into columns of the attribute tables: names and values."""
+"""Turn band statistics into columns of the attribute tables."""
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geomesh.mesh.topology import FILL
+from geomesh.parameters import CLASS_STATISTICS, COUNTED_STATISTICS, DEFAULT_STATISTICS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from geomesh.arrays.types import Floats
+    from geomesh.raster.bands import Band
     from geomesh.zonal.statistics import Statistics
 
-# Names of other columns; a band must not have one of these names.
-_TAKEN = frozenset(("id", "kind", "col", "row", "scale", "response", "octave", "angle"))
-_TAKEN |= frozenset(("fid", "bbox", "geometry", "geom"))
-# The statistics of a band with one of these names would have the name of a quality measure,
-# such as ki_min or ki_mean.
-_TAKEN |= frozenset(("ki", "map_ki"))
-_LONGEST_NAME = 40
+
+def counted_bands(bands: Sequence[Band], which: Sequence[str]) -> tuple[int, ...]:
+    """Return the positions of the bands whose values have to be counted for these statistics."""
+    return tuple(
+        k
+        for k, band in enumerate(bands)
+        if not set(COUNTED_STATISTICS).isdisjoint(statistics_of(band, which))
+    )
+
+
+def statistics_of(band: Band, which: Sequence[str]) -> tuple[str, ...]:
+    """Return those of the wanted statistics that make sense for a band.
+
+    Classes have neither an order nor a mean: if no statistic of classes is wanted, they get
+    all of these instead.
+    """
+    if not band.is_class or not which:
+        return tuple(which)
+    return tuple(name for name in which if name in CLASS_STATISTICS) or CLASS_STATISTICS
 
 
 def triangle_columns(
-    stats: Statistics,
-    band_names: Sequence[str],
-    which: Sequence[str] = ("mean", "std", "min", "max"),
+    stats: Statistics, bands: Sequence[Band], which: Sequence[str] = DEFAULT_STATISTICS
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of the triangles: count, then <band>_<statistic> band by band."""
     columns: dict[str, NDArray[Any]] = {"count": stats.count}
-    for band, name in enumerate(band_names):
-        columns |= {f"{name}_{statistic}": getattr(stats, statistic)[band] for statistic in which}
+    for k, band in enumerate(bands):
+        for statistic in statistics_of(band, which):
+            row = stats.counted.index(k) if statistic in COUNTED_STATISTICS else k
+            values = getattr(stats, statistic)[row]
+            if band.is_class and statistic != "variety":
+                values = _classes(values)
+            columns[f"{band.name}_{statistic}"] = values
     return columns
 
 
-def node_columns(stats: Statistics, band_names: Sequence[str]) -> dict[str, NDArray[Any]]:
+def node_columns(stats: Statistics, bands: Sequence[Band]) -> dict[str, NDArray[Any]]:
     """Return the columns of the nodes: one for each band, with the value at the node."""
-    return {name: stats.node_values[band] for band, name in enumerate(band_names)}
+    return {
+        band.name: _classes(values) if band.is_class else values
+        for band, values in zip(bands, stats.node_values, strict=True)
+    }
 
 
-def band_names(descriptions: Sequence[str | None]) -> list[str]:
-    """Return a column name for each band: made from its description, or else b1, b2, ...
-
-    A name has only lower-case letters, digits and underscores, starts with a letter and has
-    at most 40 characters. All names are different, and none is the name of another column.
-    """
-    names: list[str] = []
-    for number, description in enumerate(descriptions, start=1):
-        plain = unicodedata.normalize("NFKD", description or "").encode("ascii", "ignore").decode()
-        name = re.sub("[^a-z0-9]+", "_", plain.lower()).strip("_") or f"b{number}"
-        if not name[0].isalpha() or name in _TAKEN:
-            name = f"b_{name}"
-        name = name[:_LONGEST_NAME].rstrip("_")
-        stem, turn = name, 1
-        while name in names:
-            turn += 1
-            name = f"{stem[: _LONGEST_NAME - len(f'_{turn}')]}_{turn}"
-        names.append(name)
-    return names
+def _classes(values: Floats) -> NDArray[np.signedinteger[Any]]:
+    """Return classes as whole numbers; `FILL` where there is none."""
+    known = np.where(np.isnan(values), FILL, values)
+    fits = np.abs(known).max(initial=0) <= np.iinfo(np.int32).max
+    return known.astype(np.int32 if fits else np.int64)

@@ -76,6 +76,19 @@ def triangles_in_box(
     return np.flatnonzero(met).astype(np.int32)
 
 
+def triangles_inside_box(
+    nodes: Points, triangles: Triangles, box: tuple[float, float, float, float]
+) -> NDArray[np.bool_]:
+    """Return for each triangle whether it is in the box (left, right, top, bottom)."""
+    left, right, top, bottom = box
+    low_x, high_x = _range(nodes[:, 0], triangles)
+    low_y, high_y = _range(nodes[:, 1], triangles)
+    inside: NDArray[np.bool_] = (
+        (low_x >= left) & (high_x <= right) & (low_y >= top) & (high_y <= bottom)
+    )
+    return inside
+
+
 def _range(values: Floats, triangles: Triangles) -> tuple[Floats, Floats]:
     """Return the minimum and maximum of the values (N,) at the corners of each triangle."""
     a, b, c = (values[triangles[:, k]] for k in range(3))

@@ -78,7 +78,7 @@ SETTINGS = (
         "statistics",
         "Statistics of each band",
         "some",
-        choices=("mean", "std", "min", "max"),
+        choices=("mean", "std", "min", "max", "median", "majority", "variety"),
     ),
 )
 

@@ -1,0 +1,162 @@
+"""Burn polygons into the pixels of a raster: a pixel is inside if its centre is.
+
+A side of a polygon is straight in its own CRS, and curved in another one. So the polygons are
+not transformed. The centres of pixels are: into the CRS of the polygons. This is right at the
+poles and at the antimeridian too, where a transformed polygon would be torn. Only centres near
+a side need it one by one. All others have the same answer as their neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from geomesh.raster.grid import Grid, Window
+from geomesh.raster.pixel_mask import PixelMask
+from geomesh.raster.placed import Placed
+from geomesh.raster.trace import near_cells
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Mask, Points
+    from geomesh.raster.polygons import Polygons
+
+# Side of the blocks that are burnt one after the other, in pixels: a multiple of 8.
+_BLOCK = 1024
+
+# In a block, a centre in each square of this many pixels is looked up too, in case that the
+# answer changes where there is no side.
+_CHECK = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Burnt:
+    """The pixels whose centres lie in an area.
+
+    Parameters
+    ----------
+    window : Window
+        The smallest window with all of them; of no pixels if there are none.
+    mask : PixelMask or None
+        None if all pixels of `window` are in the area.
+    touched : bool
+        Whether a side of a polygon touches the grid.
+    """
+
+    window: Window
+    mask: PixelMask | None
+    touched: bool
+
+
+def burn(areas: Sequence[Polygons], grid: Grid, name: str) -> Burnt:
+    """Return the pixels of a grid whose centres lie in all areas, or on their borders.
+
+    Parameters
+    ----------
+    areas : sequence of Polygons
+    grid : Grid
+    name : str
+        Name of the raster in messages.
+
+    Raises
+    ------
+    GeoreferenceError
+        If there is no transformation between the CRSs.
+    """
+    all_placed = [Placed.of(area, grid, name) for area in areas]
+    near = np.unique(np.concatenate([near_cells(placed) for placed in all_placed]))
+    rows, cols = np.divmod(near, grid.width + 2)
+    packed: dict[Window, NDArray[np.uint8]] = {}
+    count = 0
+    for row in range(0, grid.height, _BLOCK):
+        # Numbers of cells are in the order of rows, and start with the row above the grid.
+        first, stop = np.searchsorted(rows, [row, row + _BLOCK + 2])
+        for col in range(0, grid.width, _BLOCK):
+            here = (cols[first:stop] >= col) & (cols[first:stop] < col + _BLOCK + 2)
+            cells = rows[first:stop][here] - row, cols[first:stop][here] - col
+            window = Window(col, row, _BLOCK, _BLOCK).clip(grid.extent)
+            found = _burn_block(window, cells, all_placed)
+            if found.any():
+                packed[window] = np.packbits(found, axis=1)
+                count += int(np.count_nonzero(found))
+    if not packed:
+        return Burnt(Window(0, 0, 0, 0), None, touched=len(near) > 0)
+    window, mask = _join(packed)
+    is_full = count == window.width * window.height
+    return Burnt(window, None if is_full else mask, touched=len(near) > 0)
+
+
+def _burn_block(
+    window: Window, cells: tuple[NDArray[np.int64], NDArray[np.int64]], areas: Sequence[Placed]
+) -> Mask:
+    """Return which pixels of a block are in all areas.
+
+    `cells` are rows and columns of pixels near a side; 1, 1 is the first pixel of the block.
+    """
+    height, width = window.shape
+
+    def inside(pixels: NDArray[np.intp]) -> Mask:
+        found = [area.contains(_centres(window, pixels)) for area in areas]
+        return np.logical_and.reduce(found)  # type: ignore[no-any-return]
+
+    # Where the sides of areas are straight on the grid, there is nothing to check.
+    is_straight = all(area.transformer is None for area in areas)
+    checked = np.empty(0, np.intp) if is_straight else _sample(window)
+    # Where pixels without a place in the CRS of an area begin, there is no side.
+    if not all(area.is_defined(_centres(window, checked)) for area in areas):
+        return inside(np.arange(height * width)).reshape(height, width)
+    if not len(cells[0]):
+        found = np.full(height * width, inside(np.zeros(1, np.intp))[0])
+    else:
+        touched = np.zeros((height + 2, width + 2), np.uint8)
+        shown = (cells[0] < height + 2) & (cells[1] < width + 2)
+        touched[cells[0][shown], cells[1][shown]] = 1
+        near = cv2.dilate(touched, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
+        # Other pixels that share a border, not only a corner, have the same answer.
+        far = np.logical_not(near).astype(np.uint8)
+        count, regions = cv2.connectedComponents(far, connectivity=4)
+        first = np.zeros(count, np.intp)
+        first[regions.ravel()[::-1]] = np.arange(height * width)[::-1]
+        found = inside(first)[regions.ravel()]
+        found[near.ravel()] = inside(np.flatnonzero(near))
+    if (inside(checked) != found[checked]).any():
+        found = inside(np.arange(height * width))
+    return found.reshape(height, width)
+
+
+def _centres(window: Window, pixels: NDArray[np.intp]) -> Points:
+    """Return the centres of pixels, which are numbered row by row in a window."""
+    row, col = np.divmod(pixels, window.width)
+    return np.column_stack([window.col + col + 0.5, window.row + row + 0.5])
+
+
+def _sample(window: Window) -> NDArray[np.intp]:
+    """Return the pixels of a window at which it is checked: a lattice, and the outermost."""
+    chosen = np.zeros(window.shape, np.bool_)
+    chosen[_CHECK // 2 :: _CHECK, _CHECK // 2 :: _CHECK] = True
+    chosen[[0, -1]] = True
+    chosen[:, [0, -1]] = True
+    return np.flatnonzero(chosen)
+
+
+def _join(packed: Mapping[Window, NDArray[np.uint8]]) -> tuple[Window, PixelMask]:
+    """Return the smallest window with the pixels of all blocks, and these as one mask."""
+    left, top = min(w.col for w in packed), min(w.row for w in packed)
+    width, height = max(w.stop_col for w in packed) - left, max(w.stop_row for w in packed) - top
+    bits = np.zeros((height, -(-width // 8)), np.uint8)
+    for window, pixels in packed.items():
+        row, byte = window.row - top, (window.col - left) // 8
+        bits[row : row + window.height, byte : byte + pixels.shape[1]] = pixels
+    rows = np.flatnonzero(bits.any(axis=1))
+    cols = np.flatnonzero(np.unpackbits(np.bitwise_or.reduce(bits, axis=0)))
+    (first_row, last_row), (first_col, last_col) = rows[[0, -1]].tolist(), cols[[0, -1]].tolist()
+    inner = Window(
+        left + first_col, top + first_row, last_col - first_col + 1, last_row - first_row + 1
+    )
+    return inner, PixelMask(Window(left, top, width, height), bits).cut(inner)

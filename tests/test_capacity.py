@@ -1,0 +1,121 @@
+"""What a format cannot hold is refused before any pixel is worked on, with a way out that works."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+import pytest
+
+import geomesh
+from geomesh.arrays.table import Table
+from geomesh.errors import OutputError
+from geomesh.formats.registry import find_format
+from geomesh.io.read import read_mesh
+from geomesh.io.write import write_mesh
+from geomesh.parameters import LAYERS
+from geomesh.pipeline import mesh_file
+from geomesh.pipeline.mesh_scene import count_columns
+from support.cases import palette
+from support.files import read_layer
+from support.meshes import two_triangles
+from support.rasters import picture, write_raster
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from support.commands import Geomesh
+
+
+def many_bands(folder: Path, count: int) -> str:
+    return write_raster(folder, data=picture(3, 12, 12).repeat(count // 3 + 1, axis=0)[:count])
+
+
+@pytest.mark.parametrize("statistics", [("mean",), ("mean", "std", "min", "max"), ()])
+@pytest.mark.parametrize("bands", [1, 5])
+def test_the_columns_of_a_mesh_are_known_in_advance(
+    tmp_path: Path, bands: int, statistics: tuple[str, ...]
+) -> None:
+    source = write_raster(tmp_path, data=picture(bands))
+    mesh = geomesh.mesh_raster(source, statistics=statistics)
+    for layer in LAYERS:
+        assert count_columns(layer, bands, len(statistics)) == len(mesh.attributes(layer))
+
+
+def test_the_columns_of_a_palette_are_known_in_advance(tmp_path: Path) -> None:
+    source = palette("GTiff", 8)(tmp_path)
+    mesh = geomesh.mesh_raster(source)
+    bands = len(geomesh.raster.open.open_scene(source).bands)
+    assert count_columns("triangles", bands, 4) == len(mesh.attributes("triangles"))
+
+
+def test_too_many_bands_for_a_geopackage_are_refused_before_the_work(
+    tmp_path: Path, command: Geomesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, output = many_bands(tmp_path, 520), tmp_path / "mesh.gpkg"
+
+    def work(*_: object, **__: object) -> NoReturn:
+        pytest.fail("pixels were worked on")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(mesh_file, "mesh_scene", work)
+        error = command("mesh", source, "-o", output).error()
+    assert re.search(
+        r"mesh\.gpkg .* at most 1998 attributes .* triangles would have 2093: compute one "
+        r"statistic with --stats mean, or choose fewer bands with --bidx, or write \.parquet$",
+        error,
+    )
+    # Each way out that it names:
+    for options in (("--stats", "mean"), ("--bidx", "1,2,3"), ("-f", "Parquet")):
+        assert command("mesh", source, "-o", output, "--overwrite", *options).code == 0
+
+
+@pytest.mark.slow
+def test_even_one_statistic_may_be_too_many(tmp_path: Path, command: Geomesh) -> None:
+    source = many_bands(tmp_path, 1991)
+    error = command("mesh", source, "-o", tmp_path / "mesh.gpkg", "--layers=nodes,edges").error()
+    assert "the nodes would have 1999: choose fewer bands with --bidx" in error
+    assert error.endswith("write .parquet with --layers nodes")
+    done = command("mesh", source, "-o", tmp_path / "mesh.parquet", "--layers", "nodes")
+    assert done.code == 0
+    assert len(read_layer(tmp_path / "mesh.parquet").columns) == 1999 + 1  # the geometry
+
+
+@pytest.mark.parametrize(("extension", "most"), [(".gpkg", 1998), (".fgb", 65_536)])
+def test_the_limit_is_that_of_the_format(tmp_path: Path, extension: str, most: int) -> None:
+    """As many columns as the limit are written and read back; one more is refused."""
+    if extension == ".fgb":
+        with pytest.raises(OutputError, match="at most 65536 attributes"):
+            find_format("mesh.fgb").require_room("triangles", columns=most + 1)
+        return
+    mesh = two_triangles()
+    own = len(mesh.attributes("triangles"))
+
+    def with_columns(count: int) -> geomesh.Mesh:
+        table = Table({f"c{k}": np.full(2, float(k)) for k in range(count - own)})
+        return replace(mesh, triangle_table=table)
+
+    path = write_mesh(with_columns(most), tmp_path / f"mesh{extension}")
+    assert read_mesh(path).triangle_table[f"c{most - own - 1}"].tolist() == [most - own - 1] * 2
+    with pytest.raises(OutputError, match=rf"at most {most} attributes .* write \.parquet"):
+        write_mesh(with_columns(most + 1), path, overwrite=True)
+    write_mesh(with_columns(most + 1), tmp_path / "mesh.parquet")
+
+
+@pytest.mark.parametrize("length", [255, 250, 246])
+def test_a_name_may_be_as_long_as_the_system_allows(
+    tmp_path: Path, length: int, command: Geomesh
+) -> None:
+    """SQLite keeps files beside a database whose names would be too long."""
+    source, name = write_raster(tmp_path), "n" * (length - 5) + ".gpkg"
+    for options in ((), ("--overwrite",)):
+        assert command("mesh", source, "-o", tmp_path / name, *options).code == 0
+        assert read_mesh(tmp_path / name).certify().passed
+    longer = "n" * 251 + ".gpkg"
+    assert (
+        command("mesh", source, "-o", tmp_path / longer)
+        .error()
+        .endswith("cannot be written: file name too long; give it a shorter name")
+    )
