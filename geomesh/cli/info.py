@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from geomesh.raster.bands import Band
     from geomesh.raster.scene import Scene
 
+# Whole numbers from here on are shown as 1e+16.
+_LONG_NUMBER = 1e16
+
 # Files of overviews, masks and metadata that GDAL finds beside a raster.
 _SIDE_FILES = (".ovr", ".msk", ".aux", ".aux.xml")
 
@@ -155,12 +158,18 @@ def _describe_band(dataset: rasterio.DatasetReader, band: Band) -> dict[str, Any
         "description": band.description,
         "color": dataset.colorinterp[k].name,
         "dtype": dataset.dtypes[k],
-        # As text if JSON has no such number.
-        "nodata": str(nodata) if nodata is not None and not math.isfinite(nodata) else nodata,
+        "nodata": None if nodata is None else _plain(nodata),
     }
     if (dataset.scales[k], dataset.offsets[k]) != PLAIN:
         facts |= {"scale": dataset.scales[k], "offset": dataset.offsets[k]}
     return facts | ({"unit": unit} if unit else {})
+
+
+def _plain(nodata: float) -> int | float | str:
+    """Return a nodata value as JSON can have it, and a whole number as one."""
+    if not math.isfinite(nodata):
+        return str(nodata)
+    return int(nodata) if nodata == int(nodata) and abs(nodata) < _LONG_NUMBER else nodata
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:
