@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 import rasterio.shutil
+from affine import Affine
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.vrt import WarpedVRT
 
@@ -287,6 +288,31 @@ def test_a_side_file_adds_what_the_raster_does_not_say(tmp_path):
     np.testing.assert_array_equal(bands, picture().clip(2, 60) * 3.0 + 5)
 
 
+def test_a_side_file_may_say_the_same_in_other_words(tmp_path):
+    from rasterio.crs import CRS
+    from rasterio.enums import WktVersion
+
+    lowest = float(np.finfo("f4").min)
+    place = Affine(1 / 3600, 0, -43.3, 0, -1 / 3600, -8.1)
+
+    def change(dataset: Any) -> None:
+        dataset.scales = (1 / 3,)
+
+    path = write_raster(
+        tmp_path,
+        data=picture().astype("f4"),
+        crs="EPSG:4326",
+        transform=place,
+        nodata=lowest,
+        change=change,
+    )
+    wkt = CRS.from_epsg(4326).to_wkt(version=WktVersion.WKT1_ESRI)
+    numbers = ",".join(f"{number:.14g}" for number in place.to_gdal())
+    band = of_band(1, f"<NoDataValue>{lowest:.15g}</NoDataValue><Scale>0.333333333333</Scale>")
+    put_beside(path, f"<SRS>{wkt}</SRS><GeoTransform>{numbers}</GeoTransform>{band}")
+    assert not any("contradicts" in note for note in open_scene(path).notes)
+
+
 def test_statistics_beside_a_raster_change_nothing(tmp_path):
     path = write_raster(tmp_path)
     expected = fingerprint(geomesh.mesh_raster(path))
@@ -383,6 +409,21 @@ def test_a_mesh_remembers_that_alpha_was_data(tmp_path, command: Geomesh):
     mesh.render(path, painted, overwrite=True, bidx=[4, 2])
     bands, valid = read(painted)
     assert (len(bands), valid.all()) == (2, True)
+
+
+def test_a_mesh_of_visible_bands_is_compared_with_the_near_infrared(tmp_path, command: Geomesh):
+    path, data = naip(tmp_path)
+    out, painted = tmp_path / "mesh.gpkg", tmp_path / "painted.tif"
+    assert command("mesh", path, "-o", out).code == 0
+    given = ("render", out, "--like", path, "-o", painted, "--bidx", "4")
+    assert command(*given).error().endswith("use it as data with --alpha data")
+    run = command(*given, "--alpha", "data")
+    assert run.code == 0, run.err
+    assert rasterio.open(painted).dtypes == ("uint8",)
+    mesh = geomesh.read_mesh(out)
+    with pytest.raises(BandError, match="alpha"):
+        mesh.psnr(path, bidx=[4])
+    assert mesh.psnr(path, bidx=[4], alpha="data").pixels == (data[3] > 0).sum()
 
 
 def test_the_error_names_the_option_of_other_commands_too(tmp_path, command: Geomesh):

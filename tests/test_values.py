@@ -585,5 +585,5 @@ def test_the_command_says_how_to_scale(tmp_path, command: Geomesh):
     assert not any("scale" in text for text in run.warnings())
     facts = command("info", path).out
     assert "scale 0.5, offset 100.0" in facts
-    assert "nodata -32768" in facts
+    assert "nodata -32768, scale" in facts
     assert "--unscale applies them" in facts

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from geomesh.raster.bands import Band
     from geomesh.raster.scene import Scene
 
+# Whole numbers from here on are shown as 1e+16.
+_LONG_NUMBER = 1e16
+
 # Files of overviews, masks and metadata that GDAL finds beside a raster.
 _SIDE_FILES = (".ovr", ".msk", ".aux", ".aux.xml")
 
@@ -87,7 +90,6 @@ def _describe_raster(path: str) -> dict[str, Any]:
     from geomesh.parallel.progress import silent
     from geomesh.parallel.tiles import plan_tiles
     from geomesh.parallel.workers import open_workers
-    from geomesh.raster.alpha import note_on_alpha
     from geomesh.raster.crs import crs_label
     from geomesh.raster.open import open_scene
 
@@ -98,7 +100,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
         bands, facts = _describe_values(scene)
         # The options that notes name are those of `geomesh mesh`.
         with click.Context(mesh):
-            notes = [spell(note) for note in (*scene.notes, *note_on_alpha(scene))]
+            notes = [spell(note) for note in scene.notes]
     return {
         "raster": str(path),
         "size": [grid.width, grid.height],
@@ -116,10 +118,11 @@ def _describe_raster(path: str) -> dict[str, Any]:
 
 def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the facts about each band, and what hides pixels or is not used."""
-    from geomesh.raster.bands import alpha_indexes
+    from geomesh.raster.bands import alpha_indexes, palette
     from geomesh.raster.pixels import masked_bands
 
     with scene.borrow() as dataset:
+        colors = palette(dataset, nodata=math.nan)  # without the colour of nodata
         indexes = [band.index for band in scene.classes.bands]
         bands = [_describe_band(dataset, band) for band in scene.classes.bands]
         alphas = alpha_indexes(dataset, scene.alpha)
@@ -132,6 +135,7 @@ def _describe_values(scene: Scene) -> tuple[list[dict[str, Any]], dict[str, Any]
                     if band["nodata"] is not None
                 ),
                 *(f"alpha in band {index}" for index in alphas),
+                *(["transparent colours"] if colors is not None and not colors[:, 3].all() else []),
                 *(f"mask of band {index}" if len(masked) > 1 else "mask" for index in masked),
             ],
             "unused_overviews": dataset.overviews(1),
@@ -154,12 +158,18 @@ def _describe_band(dataset: rasterio.DatasetReader, band: Band) -> dict[str, Any
         "description": band.description,
         "color": dataset.colorinterp[k].name,
         "dtype": dataset.dtypes[k],
-        # As text if JSON has no such number.
-        "nodata": str(nodata) if nodata is not None and not math.isfinite(nodata) else nodata,
+        "nodata": None if nodata is None else _plain(nodata),
     }
     if (dataset.scales[k], dataset.offsets[k]) != PLAIN:
         facts |= {"scale": dataset.scales[k], "offset": dataset.offsets[k]}
     return facts | ({"unit": unit} if unit else {})
+
+
+def _plain(nodata: float) -> int | float | str:
+    """Return a nodata value as JSON can have it, and a whole number as one."""
+    if not math.isfinite(nodata):
+        return str(nodata)
+    return int(nodata) if nodata == int(nodata) and abs(nodata) < _LONG_NUMBER else nodata
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:

@@ -12,6 +12,7 @@ from geomesh.cli.console import exit_code, guarded, open_console
 from geomesh.cli.options import numbers, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.streams import echo, printable
+from geomesh.parameters import ALPHA, Alpha
 
 if TYPE_CHECKING:
     from geomesh.surface.fidelity import Fidelity
@@ -61,6 +62,12 @@ def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
     help="Bands of SRC; the first is 1. Default: the bands that the mesh was made from.",
 )
 @click.option(
+    "--alpha",
+    type=click.Choice(ALPHA),
+    help="mask: bands of SRC tagged as alpha, and masks, hide pixels. data: they do not. Default: "
+    "as for the mesh.",
+)
+@click.option(
     "--crs",
     metavar="CRS",
     help="Coordinate system, used instead of SRC's own. Give the same as for the mesh.",
@@ -91,6 +98,7 @@ def render(
     model: Any,
     fit: str,
     bidx: list[int] | None,
+    alpha: Alpha | None,
     crs: str | None,
     creation: dict[str, str],
     workers: int | None,
@@ -127,6 +135,7 @@ def render(
             model=model,
             fit="sampled" if fit == "sampled" else "least_squares",
             bidx=bidx,
+            alpha=alpha,
             crs=crs,
             creation=creation,
             overwrite=overwrite,

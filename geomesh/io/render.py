@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parameters import Alpha
     from geomesh.raster.scene import Scene
 
 Sums = tuple[int, int]
@@ -50,6 +51,7 @@ def render_file(
     model: Model = "linear",
     fit: Fit = "least_squares",
     bidx: Sequence[int] | None = None,
+    alpha: Alpha | None = None,
     crs: Any = None,
     creation: Mapping[str, str] | None = None,
     overwrite: bool = False,
@@ -66,7 +68,7 @@ def render_file(
     Parameters
     ----------
     mesh : TriangleMesh
-    source, model, fit, bidx, crs, workers, progress
+    source, model, fit, bidx, alpha, crs, workers, progress
         As in `geomesh.surface.fidelity.measure_fidelity`.
     path : path-like
         Must end in .tif or .tiff.
@@ -89,7 +91,7 @@ def render_file(
     """
     target, options = Path(path), choose_options(creation or {})
     check_geotiff(target, overwrite=overwrite)
-    scene = open_original(mesh, source, bidx=bidx, crs=crs)
+    scene = open_original(mesh, source, bidx=bidx, alpha=alpha, crs=crs)
     with (
         reporting(progress) as report,
         open_workers(workers) as pool,

@@ -35,7 +35,6 @@ from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.pipeline.nodes import NodeSet, place_nodes
-from geomesh.raster.alpha import note_on_alpha
 from geomesh.raster.pixels import Excerpt
 from geomesh.zonal import columns
 from geomesh.zonal import statistics as zonal
@@ -84,13 +83,13 @@ def mesh_scene(
         Called with the mesh as soon as its geometry is final, before it has statistics.
     """
     _require_reach(scene, workers)
+    notes = (*scene.notes, *_notes_on_memory(scene, recipe))
+    _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
     later_stages = in_background(lambda: _load_later_stages(is_known.set))
     later_stages.add_done_callback(lambda _: is_known.set())
     with scene.open():
-        notes = (*scene.notes, *note_on_alpha(scene), *_notes_on_memory(scene, recipe))
-        _warn(notes)
         tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
         image = SceneGray(scene, tone, recipe.sobel)
         detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.68))

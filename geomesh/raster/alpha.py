@@ -9,12 +9,13 @@ from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from geomesh.raster.bands import alpha_indexes
-from geomesh.raster.pixels import Excerpt
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from geomesh.raster.scene import Scene
+    import rasterio
+
+    from geomesh.parameters import Alpha
 
 # The band is looked at in so many squares a side, of so many pixels a side.
 _SQUARES = 4
@@ -25,31 +26,27 @@ _FEW = 16
 _MOST = 0.5
 
 
-def note_on_alpha(scene: Scene) -> tuple[str, ...]:
+def note_on_alpha(name: str, dataset: rasterio.DatasetReader, alpha: Alpha) -> tuple[str, ...]:
     """Return a note if a band that is used as alpha holds more than a mask would."""
-    if isinstance(scene.source, Excerpt) or scene.alpha == "data":
-        return ()
-    with scene.borrow() as dataset:
-        for index in alpha_indexes(dataset):
-            try:
-                seen = np.concatenate(
-                    [dataset.read(index, window=square).ravel() for square in _squares(scene)]
-                )
-            except RasterioError:
-                return ()  # reading the scene reports it
-            values, counts = np.unique(seen[seen > 0], return_counts=True)
-            if len(values) >= _FEW and counts.max() < _MOST * counts.sum():
-                return (
-                    f"band {index} of {scene.name} is tagged as alpha and used as a mask, but has "
-                    'many different values; if it is data, use `alpha="data"`',
-                )
+    for index in alpha_indexes(dataset, alpha):
+        try:
+            seen = np.concatenate(
+                [dataset.read(index, window=square).ravel() for square in _squares(dataset)]
+            )
+        except RasterioError:
+            return ()  # reading the raster reports it
+        values, counts = np.unique(seen[seen > 0], return_counts=True)
+        if len(values) >= _FEW and counts.max() < _MOST * counts.sum():
+            return (
+                f"band {index} of {name} is tagged as alpha and used as a mask, but has many "
+                'different values; if it is data, use `alpha="data"`',
+            )
     return ()
 
 
-def _squares(scene: Scene) -> Iterator[Window]:
-    """Yield small windows that are spread over the scene, in pixels of the file."""
-    there = scene.window
-    width, height = min(_SIDE, there.width), min(_SIDE, there.height)
-    for row in np.linspace(0, there.height - height, _SQUARES).astype(int).tolist():
-        for col in np.linspace(0, there.width - width, _SQUARES).astype(int).tolist():
-            yield Window(there.col + col, there.row + row, width, height)
+def _squares(dataset: rasterio.DatasetReader) -> Iterator[Window]:
+    """Yield small windows that are spread over a dataset."""
+    width, height = min(_SIDE, dataset.width), min(_SIDE, dataset.height)
+    for row in np.linspace(0, dataset.height - height, _SQUARES).astype(int).tolist():
+        for col in np.linspace(0, dataset.width - width, _SQUARES).astype(int).tolist():
+            yield Window(col, row, width, height)

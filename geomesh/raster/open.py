@@ -17,6 +17,7 @@ from rasterio.vrt import WarpedVRT
 
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.parameters import ALPHA, Alpha
+from geomesh.raster.alpha import note_on_alpha
 from geomesh.raster.band_names import BandText
 from geomesh.raster.bands import array_bands, class_band, dataset_bands, palette
 from geomesh.raster.crop import restrict
@@ -55,7 +56,7 @@ def open_scene(
     mask_layer: str | None = None,
     name: str | None = None,
 ) -> Scene:
-    """Open a source and return it as a Scene. No pixel is read yet.
+    """Open a source and return it as a Scene. Only a few pixels of an alpha band are read yet.
 
     Parameters
     ----------
@@ -234,6 +235,7 @@ def _dataset_scene(
     scalings, on_scale = choose_scalings(name, own, indexes, unscale=values.unscale)
     types = [np.dtype(dataset.dtypes[index - 1]) for index in indexes]
     on_nodata = note_on_nodata(name, types, values.nodata)
+    on_alpha = note_on_alpha(name, dataset, values.alpha)
     grid, notes = georeference(name, dataset, given)
     return Scene(
         name,
@@ -248,5 +250,5 @@ def _dataset_scene(
         alpha=values.alpha,
         unscale=values.unscale,
         scalings=scalings,
-        notes=(*notes, *on_nodata, *on_scale),
+        notes=(*notes, *on_nodata, *on_alpha, *on_scale),
     )

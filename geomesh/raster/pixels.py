@@ -105,11 +105,18 @@ def read_stored(
     -------
     stored : (B, h, w), or one (h, w) for each band if their data types differ
     valid : bool (h, w)
+
+    Raises
+    ------
+    IndexError
+        If the dataset has fewer bands: it is no longer the one that was opened first.
     """
 
     def read(method: Callable[..., NDArray[Any]], bands: Any) -> NDArray[Any]:
         return _read(method, bands, window, shape, _block_height(dataset))
 
+    if max(indexes) > dataset.count:
+        raise IndexError(f"it has no band {max(indexes)}")
     if len({dataset.dtypes[index - 1] for index in indexes}) == 1:
         stored: Stored = read(dataset.read, list(indexes))
     else:

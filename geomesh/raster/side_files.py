@@ -7,26 +7,27 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from pyproj.exceptions import CRSError
 from rasterio.enums import ColorInterp
 
+from geomesh.raster.crs import crs_label, same_crs, to_pyproj
 from geomesh.raster.gdal import open_raster
 from geomesh.raster.grid import IDENTITY
+from geomesh.raster.nodata import stored_range
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import rasterio
+    from pyproj import CRS
 
 _ENDINGS = (".aux.xml", ".aux")
 
 _NODATA_VALUES = "NODATA_VALUES"
 
-_SUBJECTS = {
-    "nodatavals": "nodata value",
-    "scales": "scale",
-    "offsets": "offset",
-    "colorinterp": "colour",
-}
+# Largest difference of positions that rounding explains, in pixels.
+_TOLERANCE = 1e-3
 
 # Colour interpretations that say nothing: drivers report them for any band.
 _UNSAID = (ColorInterp.undefined, ColorInterp.gray)
@@ -65,37 +66,70 @@ def find_contradiction(dataset: rasterio.DatasetReader) -> Contradiction | None:
 
 
 def _contradicted(own: rasterio.DatasetReader, other: rasterio.DatasetReader) -> Iterator[str]:
-    if own.crs and own.crs != other.crs:
-        yield f"CRS {_name(other.crs)} instead of {_name(own.crs)}"
-    if _place(own) is not None and _place(own) != _place(other):
+    if own.crs:
+        said, otherwise = _crs(own), _crs(other)
+        if not same_crs(said, otherwise):
+            yield f"CRS {crs_label(otherwise)} instead of {crs_label(said)}"
+    if not _same_place(own, other):
         yield "another georeference"
-    for subject, unsaid in (
-        ("nodatavals", (None,)),
-        ("scales", (1.0,)),
-        ("offsets", (0.0,)),
-        ("colorinterp", _UNSAID),
-    ):
-        for index in range(own.count):
-            said, otherwise = (getattr(each, subject)[index] for each in (own, other))
-            if said not in unsaid and not _same(said, otherwise):
-                yield (
-                    f"{_SUBJECTS[subject]} {_name(otherwise)} instead of {_name(said)} of band "
-                    f"{index + 1}"
-                )
+    for label, attribute, unsaid, is_same in _OF_BANDS:
+        for index, dtype in enumerate(own.dtypes):
+            said, otherwise = (getattr(each, attribute)[index] for each in (own, other))
+            if said not in unsaid and not is_same(said, otherwise, dtype):
+                names = f"{_name(otherwise)} instead of {_name(said)}"
+                yield f"{label} {names} of band {index + 1}"
                 break
-    if _colors(own) is not None and _colors(own) != _colors(other):
+    if own.count and _colors(own) is not None and _colors(own) != _colors(other):
         yield "another colour table"
     values = own.tags().get(_NODATA_VALUES)
     if values is not None and values != other.tags().get(_NODATA_VALUES):
         yield f"other {_NODATA_VALUES}"
 
 
-def _place(dataset: rasterio.DatasetReader) -> Any:
-    """Return the georeference without the CRS, or None."""
-    if dataset.transform != IDENTITY:
-        return dataset.transform
-    points, _ = dataset.gcps
-    return [(p.col, p.row, p.x, p.y) for p in points] or None
+def _crs(dataset: rasterio.DatasetReader) -> CRS | None:
+    try:
+        return to_pyproj(dataset.crs)
+    except CRSError:
+        return None
+
+
+def _same_place(own: rasterio.DatasetReader, other: rasterio.DatasetReader) -> bool:
+    """Return whether a dataset lies where `own` says, up to rounding, if it says anything."""
+    if own.transform == IDENTITY:
+        points, others = (
+            [(point.col, point.row, point.x, point.y) for point in each.gcps[0]]
+            for each in (own, other)
+        )
+        return not points or (points == others and other.transform == IDENTITY)
+    if not own.transform.determinant:
+        return bool(own.transform == other.transform)
+    to_pixels = ~own.transform * other.transform
+    corners = [(x, y) for x in (0, own.width) for y in (0, own.height)]
+    return all(math.dist(to_pixels * corner, corner) < _TOLERANCE for corner in corners)
+
+
+def _same_nodata(one: float, other: float | None, dtype: str) -> bool:
+    if other is None or math.isnan(one):
+        return other is not None and math.isnan(other)
+    return stored_range(np.dtype(dtype), one) == stored_range(np.dtype(dtype), other)
+
+
+def _same_number(one: float, other: float, _dtype: str) -> bool:
+    return math.isclose(one, other, rel_tol=1e-9) or (math.isnan(one) and math.isnan(other))
+
+
+def _same_color(one: ColorInterp, other: ColorInterp, _dtype: str) -> bool:
+    return bool(one == other)
+
+
+# What is told of each band: in words, the attribute of rasterio, the values of it that say
+# nothing, and how two values are compared.
+_OF_BANDS: tuple[tuple[str, str, tuple[Any, ...], Callable[..., bool]], ...] = (
+    ("nodata value", "nodatavals", (None,), _same_nodata),
+    ("scale", "scales", (1.0,), _same_number),
+    ("offset", "offsets", (0.0,), _same_number),
+    ("colour", "colorinterp", _UNSAID, _same_color),
+)
 
 
 def _colors(dataset: rasterio.DatasetReader) -> Any:
@@ -105,16 +139,7 @@ def _colors(dataset: rasterio.DatasetReader) -> Any:
         return None
 
 
-def _same(one: Any, other: Any) -> bool:
-    both = isinstance(one, float) and isinstance(other, float)
-    return one == other or (both and math.isnan(one) and math.isnan(other))
-
-
 def _name(value: Any) -> str:
     if value is None:
         return "none"
-    if isinstance(value, ColorInterp):
-        return str(value.name)
-    if isinstance(value, int | float):
-        return f"{value:.10g}"
-    return str(value.to_string())
+    return str(value.name) if isinstance(value, ColorInterp) else f"{value:.10g}"

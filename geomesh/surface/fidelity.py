@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Floats
     from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parameters import Alpha
     from geomesh.raster.open import Source
     from geomesh.raster.scene import Scene
     from geomesh.surface.paint import Fit, Model
@@ -80,6 +81,7 @@ def measure_fidelity(
     model: Model = "linear",
     fit: Fit = "least_squares",
     bidx: Sequence[int] | None = None,
+    alpha: Alpha | None = None,
     crs: Any = None,
     workers: int | None = None,
     progress: bool | Progress = False,
@@ -99,6 +101,8 @@ def measure_fidelity(
         How the values are computed from the raster: see `geomesh.surface.fit.fit_surface`.
     bidx : sequence of int, optional
         1-based bands to use instead of the bands from which the mesh was made.
+    alpha : {"mask", "data"}, optional
+        As in `geomesh.mesh_raster`. Default: as when the mesh was made.
     crs : str, int or pyproj.CRS, optional
         Replaces the CRS of the raster, as when the mesh was made.
     workers, progress
@@ -118,7 +122,7 @@ def measure_fidelity(
     >>> round(fidelity.overall, 1)
     27.1
     """
-    scene = open_original(mesh, source, bidx=bidx, crs=crs)
+    scene = open_original(mesh, source, bidx=bidx, alpha=alpha, crs=crs)
     with reporting(progress) as report, open_workers(workers) as pool, scene.open():
         surface = fit_surface(
             mesh.nodes,

@@ -18,11 +18,17 @@ if TYPE_CHECKING:
     from pyproj import CRS
 
     from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parameters import Alpha
     from geomesh.raster.scene import Scene
 
 
 def open_original(
-    mesh: TriangleMesh, source: Source, *, bidx: Sequence[int] | None = None, crs: Any = None
+    mesh: TriangleMesh,
+    source: Source,
+    *,
+    bidx: Sequence[int] | None = None,
+    alpha: Alpha | None = None,
+    crs: Any = None,
 ) -> Scene:
     """Return the part of a raster that a mesh covers, opened as when the mesh was made.
 
@@ -37,6 +43,8 @@ def open_original(
         such as other bands; it may be larger than the mesh.
     bidx : sequence of int, optional
         1-based bands to use instead of the bands from which the mesh was made.
+    alpha : {"mask", "data"}, optional
+        As in `geomesh.mesh_raster`. Default: as when the mesh was made.
     crs : str, int or pyproj.CRS, optional
         Replaces the CRS of the file, as when the mesh was made.
 
@@ -55,6 +63,8 @@ def open_original(
     values: dict[str, Any] = {}
     if made_from is not None:
         values = {name: getattr(made_from, name) for name in ("nodata", "alpha", "unscale")}
+    if alpha is not None:
+        values["alpha"] = alpha
     try:
         scene = open_scene(source, bidx=bands, crs=crs, **values)
     except BandError as error:

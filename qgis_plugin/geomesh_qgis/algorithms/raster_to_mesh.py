@@ -13,6 +13,7 @@ from qgis.core import (
     QgsProcessingOutputNumber,
     QgsProcessingOutputVectorLayer,
     QgsProcessingParameterBand,
+    QgsProcessingParameterBoolean,
     QgsProcessingParameterEnum,
     QgsProcessingParameterExtent,
     QgsProcessingParameterFeatureSource,
@@ -52,6 +53,11 @@ _TIPS = {
     "MASK": "Polygons. Pixels outside are ignored",
     "LAYERS": "The GeoPackage always contains all layers",
     "NODATA": "Used instead of the raster's own nodata value",
+    "ALPHA_DATA": (
+        "For rasters in which a band of data is tagged as alpha. Then neither such a band nor a "
+        "mask hides pixels"
+    ),
+    "UNSCALE": "Measures the values that QGIS shows, instead of the values in the file",
     "MESH": "The same mesh as a native QGIS mesh layer, in a UGRID file",
 }
 
@@ -88,7 +94,10 @@ published system exactly, at 256 × 256 pixels.<br/>
         real = QgsProcessingParameterNumber.Type.Double
         nodata = QgsProcessingParameterNumber("NODATA", "Nodata value", real, None, True)
         advanced = QgsProcessingParameterNumber.Flag.FlagAdvanced
-        nodata.setFlags(nodata.flags() | advanced)
+        alpha = QgsProcessingParameterBoolean("ALPHA_DATA", "Use alpha bands as data", False)
+        unscale = QgsProcessingParameterBoolean("UNSCALE", "Apply scale and offset", False)
+        for parameter in (nodata, alpha, unscale):
+            parameter.setFlags(parameter.flags() | advanced)
         for parameter in (
             QgsProcessingParameterRasterLayer("INPUT", "Raster"),
             QgsProcessingParameterEnum(
@@ -122,7 +131,7 @@ published system exactly, at 256 × 256 pixels.<br/>
             QgsProcessingParameterEnum(
                 "LAYERS", "Layers to load", list(LAYERS), True, [0, 2], False
             ),
-            nodata,
+            *(nodata, alpha, unscale),
             *recipe_parameters(),
             QgsProcessingParameterVectorDestination(
                 "OUTPUT", "Triangles", QgsProcessing.SourceType.TypeVectorPolygon
@@ -247,6 +256,10 @@ published system exactly, at 256 × 256 pixels.<br/>
             options += ["--domain", DOMAINS[self.parameterAsEnum(parameters, "DOMAIN", context)]]
         if is_given(parameters, "NODATA", context):
             options += ["--nodata", repr(self.parameterAsDouble(parameters, "NODATA", context))]
+        if self.parameterAsBool(parameters, "ALPHA_DATA", context):
+            options += ["--alpha", "data"]
+        if self.parameterAsBool(parameters, "UNSCALE", context):
+            options += ["--unscale"]
         options += self.extent_options(parameters, context)
         mask = self.parameterAsSource(parameters, "MASK", context)
         if mask is not None:
