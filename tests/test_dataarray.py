@@ -337,7 +337,7 @@ REFUSED = {
     "one pixel wide": (
         lambda: grid_array().isel(x=[3]),
         GeoreferenceError,
-        r"only one pixel wide, .* set it with \.rio\.write_transform\(\)",
+        r"only one pixel wide, .* set it with \.rio\.write_transform\(transform\)",
     ),
     "one pixel high": (lambda: grid_array().isel(y=[3]), GeoreferenceError, "one pixel high"),
     "an unknown crs": (

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
-from affine import Affine
 
 from geomesh.errors import GeoreferenceError, SourceError, extra_required, one_line
+from geomesh.raster.coordinates import find_transform
 from geomesh.raster.dataarray_bands import describe_bands, read_scalings
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.nodata import Number, parse_nodata
 
 if TYPE_CHECKING:
+    from affine import Affine
     from numpy.typing import NDArray
     from xarray import DataArray, Variable
 
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 # Names of the third dimension: from rioxarray, from Dataset.to_dataarray() and from openEO.
 _BAND_DIMENSIONS = ("band", "variable", "bands")
 
-# Largest difference between coordinates and evenly spaced ones, in pixels.
-_TOLERANCE = 1e-3
+# A first axis this short can only be the bands. A last axis this short may be: few rasters are so
+# narrow.
+_FEW_BANDS = 4
+_MANY_BANDS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,8 @@ class ArrayRaster:
         One for each band: what to name it after.
     scalings : tuple of (float, float), optional
         Scale and offset of each band.
+    notes : tuple of str
+        Notes about the transform, for the user.
     """
 
     name: str
@@ -60,6 +64,7 @@ class ArrayRaster:
     descriptions: tuple[str | None, ...] | None = None
     texts: tuple[BandText, ...] | None = None
     scalings: tuple[Scaling, ...] | None = None
+    notes: tuple[str, ...] = ()
 
     rpcs = None
 
@@ -116,6 +121,28 @@ def check_shape(name: str, shape: tuple[int, ...]) -> None:
         raise SourceError(
             f"{name} of shape {shape} is not a raster: expected (rows, columns) or "
             "(bands, rows, columns), all greater than 0"
+        )
+
+
+def check_axes(name: str, shape: tuple[int, ...]) -> None:
+    """Raise an error if the last axis of a numpy array seems to be its bands.
+
+    Raises
+    ------
+    SourceError
+        If the first two axes are long and the last is as short as bands are, or if the first two
+        are equal and the last is not.
+    """
+    if len(shape) != 3 or shape[0] <= _FEW_BANDS:
+        return
+    rows, columns, last = shape
+    is_short = last < rows and last <= _MANY_BANDS
+    is_square = rows == columns != last and rows > _MANY_BANDS
+    if is_short or is_square:
+        raise SourceError(
+            f"{name} of shape {shape} seems to have its bands on the last axis: give "
+            "np.moveaxis(array, -1, 0), or, if its bands do come first, a DataArray with the "
+            "dimensions ('band', 'y', 'x')"
         )
 
 
@@ -176,15 +203,17 @@ def read_dataarray(
         )
     check_shape(name, source.shape)
     crs = _crs(name, source) if with_crs else None
+    transform, notes = find_transform(name, source, x, y)
     return ArrayRaster(
         name,
         Pixels(source.variable.transpose(*others, y, x)),
-        _transform(name, source, x, y),
+        transform,
         crs,
         (source.rio.get_gcps() or (), crs),
         _nodata(name, source),
         *describe_bands(source, others[0] if others else None),
         read_scalings(name, source, others[0] if others else None),
+        notes,
     )
 
 
@@ -209,82 +238,3 @@ def _nodata(name: str, source: DataArray) -> Number | None:
         ) from error
     # NaN is never valid, and rioxarray's masking replaces the nodata value with NaN.
     return None if nodata is None or np.isnan(nodata) else parse_nodata(nodata)
-
-
-def _transform(name: str, source: DataArray, x: Any, y: Any) -> Affine:
-    """Return the transform that maps pixel centres to the coordinates.
-
-    This is the stored transform, which is exact, if it agrees with the coordinates. If a part
-    was cut out, the transform is computed from the coordinates. Without coordinates a cut
-    cannot be detected.
-    """
-    stored = _stored(source)
-    if x in source.coords and y in source.coords:
-        xs, ys = source.coords[x].values[None, :], source.coords[y].values[:, None]
-    elif "xc" in source.coords and "yc" in source.coords:  # from rioxarray, for a rotated grid
-        xs, ys = (source.coords[each].transpose(y, x).values for each in ("xc", "yc"))
-    else:
-        return stored or IDENTITY
-    for axis, values in ((x, xs), (y, ys)):
-        if values.dtype.kind not in "iuf":
-            raise GeoreferenceError(
-                f"{name} has {axis} coordinates of type {values.dtype}: give numbers in units of "
-                "its CRS"
-            )
-    if stored is not None and not any(_misfits(stored, xs, ys)):
-        return stored
-    if 1 in (source.sizes[x], source.sizes[y]):
-        raise GeoreferenceError(
-            f"{name} is only one pixel {'wide' if source.sizes[x] == 1 else 'high'}, so its "
-            "coordinates do not give the pixel size: set it with .rio.write_transform()"
-        )
-    fitted = _fit(xs, ys)
-    for axis, misfit in zip((x, y), _misfits(fitted, xs, ys), strict=True):
-        if misfit:
-            raise GeoreferenceError(
-                f"{name} has {axis} coordinates that are not evenly spaced, by up to {misfit:.2g} "
-                "pixels: resample it to a regular grid with .interp() or .rio.reproject()"
-            )
-    return fitted
-
-
-def _stored(source: DataArray) -> Affine | None:
-    """Return the transform that rioxarray stores with the CRS, in GDAL's order, or None."""
-    keeper = source.coords.get(source.rio.grid_mapping)
-    numbers = [] if keeper is None else str(keeper.attrs.get("GeoTransform", "")).split()
-    return Affine.from_gdal(*map(float, numbers)) if len(numbers) == 6 else None
-
-
-def _fit(xs: NDArray[Any], ys: NDArray[Any]) -> Affine:
-    """Return the transform of evenly spaced coordinates; `xs` and `ys` as in `_misfits`."""
-    (x, a, b), (y, d, e) = (
-        (float(values[0, 0]), _step(values[0, :]), _step(values[:, 0])) for values in (xs, ys)
-    )
-    return Affine(a, b, x - (a + b) / 2, d, e, y - (d + e) / 2)
-
-
-def _step(values: NDArray[Any]) -> float:
-    return (float(values[-1]) - float(values[0])) / max(len(values) - 1, 1)
-
-
-def _misfits(transform: Affine, xs: NDArray[Any], ys: NDArray[Any]) -> list[float]:
-    """Return how far the x and y coordinates are from those of the transform, in pixels.
-
-    The result is 0 if they agree up to rounding.
-
-    Parameters
-    ----------
-    transform : Affine
-    xs, ys : (1, W) and (H, 1), or both (H, W)
-        Coordinates of the centres of pixels.
-    """
-    cols, rows = np.arange(xs.shape[1]) + 0.5, np.arange(ys.shape[0])[:, None] + 0.5
-    misfits = []
-    for values, (along, down, start) in ((xs, transform[:3]), (ys, transform[3:6])):
-        expected = start + (along * cols if along else 0) + (down * rows if down else 0)
-        off = float(np.abs(values - expected).max())
-        pixel = max(abs(along), abs(down))
-        rounding = np.finfo(values.dtype).eps if values.dtype.kind == "f" else 0
-        agree = off <= _TOLERANCE * pixel + 2 * rounding * np.abs(values).max()
-        misfits.append(0.0 if agree else off / pixel if pixel else math.inf)
-    return misfits

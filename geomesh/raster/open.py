@@ -22,7 +22,13 @@ from geomesh.raster.band_names import BandText
 from geomesh.raster.bands import array_bands, class_band, dataset_bands, palette
 from geomesh.raster.crop import restrict
 from geomesh.raster.crs import to_pyproj
-from geomesh.raster.dataarray import ArrayRaster, check_shape, is_xarray, read_dataarray
+from geomesh.raster.dataarray import (
+    ArrayRaster,
+    check_axes,
+    check_shape,
+    is_xarray,
+    read_dataarray,
+)
 from geomesh.raster.gdal import BorrowedDataset, open_raster
 from geomesh.raster.georeference import georeference
 from geomesh.raster.grid import IDENTITY
@@ -141,12 +147,19 @@ def _parse_crs(label: str, crs: Any) -> CRS | None:
 
 
 def _array_raster(name: str, array: Any, transform: Any) -> ArrayRaster:
-    array = np.ma.asarray(array) if np.ma.isMaskedArray(array) else np.asarray(array)
+    try:
+        array = np.ma.asarray(array) if np.ma.isMaskedArray(array) else np.asarray(array)
+    except (TypeError, ValueError) as error:  # such as lists of different lengths
+        raise SourceError(
+            f"{name} is not a numpy array ({one_line(error)}); give rows of equal length"
+        ) from error
     check_shape(name, array.shape)
+    check_axes(name, array.shape)
     if not isinstance(transform, Affine | None):
         raise GeoreferenceError(
-            f"{name} has the transform {transform!r}: expected affine.Affine; for six numbers in "
-            "GDAL's order use Affine.from_gdal"
+            f"{name} has the transform {transform!r}: give affine.Affine; six numbers in the order "
+            "of rasterio become one with Affine(*numbers), in GDAL's order with "
+            "Affine.from_gdal(*numbers)"
         )
     return ArrayRaster(name, array[None] if array.ndim == 2 else array, transform or IDENTITY)
 
@@ -172,6 +185,7 @@ def _array_scene(
         name, raster.scalings or (PLAIN,) * len(array), indexes, unscale=values.unscale
     )
     grid, notes = georeference(name, raster, given)
+    notes = (*raster.notes, *notes)
     on_nodata = note_on_nodata(name, [array.dtype], values.nodata)
     return Scene(
         name,
