@@ -15,6 +15,7 @@ from rasterio.env import get_gdal_config, getenv, hasenv, set_gdal_config
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from geomesh.errors import SourceError, one_line
+from geomesh.raster.file_set import check_source, explain_failure
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -203,6 +204,7 @@ def open_raster(name: str, *, side_files: bool = True) -> rasterio.DatasetReader
 
     `side_files` tells whether GDAL may read metadata from side files (.aux.xml).
     """
+    check_source(name)
     without = nullcontext() if side_files else rasterio.Env(GDAL_PAM_ENABLED=False)
     try:
         # Warning filters and GDAL's settings are shared by all threads.
@@ -214,6 +216,8 @@ def open_raster(name: str, *, side_files: bool = True) -> rasterio.DatasetReader
         reason = f"is not a raster that GDAL can open ({one_line(error)})"
         if not is_remote(name) and not path.exists():
             reason = "no such file; check the path"
+        elif (missing := explain_failure(name)) is not None:
+            reason = missing
         elif not is_remote(name) and path.is_dir():
             reason = "is a folder; name the raster files in it"
         raise SourceError(f"{name}: {reason}") from error

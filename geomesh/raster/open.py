@@ -29,6 +29,7 @@ from geomesh.raster.dataarray import (
     is_xarray,
     read_dataarray,
 )
+from geomesh.raster.file_set import require_parts
 from geomesh.raster.gdal import BorrowedDataset, open_raster
 from geomesh.raster.georeference import georeference
 from geomesh.raster.grid import IDENTITY
@@ -132,6 +133,8 @@ def open_scene(
         raise SourceError("`mask_layer` chooses a layer of `mask`, which is not given")
     if bounds is not None or mask is not None:
         scene = restrict(scene, bounds=bounds, mask=mask, mask_layer=mask_layer)
+    if isinstance(scene.source, str):
+        require_parts(scene.source, scene.window, [band.index for band in scene.bands])
     return scene
 
 

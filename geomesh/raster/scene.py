@@ -12,6 +12,7 @@ from rasterio.errors import RasterioError
 
 from geomesh.errors import SourceError, one_line
 from geomesh.raster.bands import Band, described_color, find_rgb, palette
+from geomesh.raster.file_set import find_culprit
 from geomesh.raster.gdal import CACHE_BYTES, BorrowedDataset, close_handles, handles, is_remote
 from geomesh.raster.pixels import Excerpt, Pixels, convert, read_stored
 
@@ -175,6 +176,8 @@ class Scene:
             reason = "the file is truncated or damaged; download or export it again"
             if isinstance(self.source, str) and is_remote(self.source):
                 reason = "the file is damaged or the transfer failed; try again, or download it"
+            elif isinstance(self.source, str):
+                reason = find_culprit(self.source, one_line(error)) or reason
             raise SourceError(
                 f"{self.name}: cannot read columns {window.col} to {window.stop_col}, rows "
                 f"{window.row} to {window.stop_row}: {reason} (GDAL: {one_line(error)})"

@@ -236,7 +236,8 @@ SOURCES: dict[str, Case] = {
         text_file("scene.vrt", "<VRTDataset"), refused="not a raster that GDAL"
     ),
     "vrt of a missing file": Case(
-        text_file("scene.vrt", vrt_of("gone.tif")), refused="cannot read columns .*gone.tif"
+        text_file("scene.vrt", vrt_of("gone.tif")),
+        refused="its file .*gone.tif is missing; put it there",
     ),
     **{
         f"truncated at {share:.0%}": Case(
