@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geomesh.errors import EmptyError
+from geomesh.errors import EmptyError, SourceError
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
 from geomesh.raster.grid import Window
 
@@ -23,6 +23,9 @@ _SIZE = 1024
 # and few reads if the file has overviews.
 _BLOCK = 2048
 
+# A million tiles. No raster is known that has more pixels, but a wrong header can claim any size.
+_MOST_PIXELS = 2**40
+
 
 def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
     """Return the bands (B, h, w) and the valid pixels (h, w) of every n-th pixel of a scene.
@@ -34,8 +37,15 @@ def read_overview(scene: Scene, workers: Workers, progress: Progress) -> Pixels:
     ------
     EmptyError
         If no pixel of the scene is valid.
+    SourceError
+        If the scene has more than 2**40 pixels.
     """
     extent = scene.grid.extent
+    if extent.width * extent.height > _MOST_PIXELS:
+        raise SourceError(
+            f"{scene.name} has {extent.width} x {extent.height} pixels, more than one mesh can "
+            "have; choose a part with `bounds`, or correct the size in its header"
+        )
     step = -(-max(extent.width, extent.height) // _SIZE)
     # Use whole steps only, so that all blocks are decimated to one common lattice.
     shown = Window(0, 0, _whole(extent.width, step), _whole(extent.height, step))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rasterio.errors import RasterioError
 from rasterio.windows import Window
 
 from geomesh.raster.bands import alpha_indexes
+from geomesh.raster.gdal import GDAL_ERRORS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +33,7 @@ def note_on_alpha(name: str, dataset: rasterio.DatasetReader, alpha: Alpha) -> t
             seen = np.concatenate(
                 [dataset.read(index, window=square).ravel() for square in _squares(dataset)]
             )
-        except RasterioError:
+        except GDAL_ERRORS:
             return ()  # reading the raster reports it
         values, counts = np.unique(seen[seen > 0], return_counts=True)
         if len(values) >= _FEW and counts.max() < _MOST * counts.sum():

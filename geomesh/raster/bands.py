@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from geomesh.parameters import Alpha
     from geomesh.raster.nodata import Number
 
+# The gray image of more bands takes minutes, and no table has room for their statistics. A damaged
+# header may claim 65535 bands.
+_MOST_BANDS = 2000
+
 
 _COLORS = ("red", "green", "blue")
 
@@ -126,6 +130,11 @@ def array_bands(
 
 
 def _choose(name: str, bidx: Sequence[int] | None, count: int, alphas: Sequence[int]) -> list[int]:
+    if (count if bidx is None else len(bidx)) > _MOST_BANDS:
+        raise BandError(
+            f"{name} has {count} bands, more than the {_MOST_BANDS} that one mesh can have: choose "
+            "some with `bidx`"
+        )
     if bidx is None:
         return [index for index in range(1, count + 1) if index not in alphas]
     if not bidx:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rasterio
+from rasterio._err import CPLE_BaseError
 from rasterio.env import get_gdal_config, getenv, hasenv, set_gdal_config
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 _CACHE = "GDAL_CACHEMAX"
 CACHE_BYTES = 256_000_000
 
+# Reading a whole PNG at once, GDAL 3.10 takes damaged data for whatever the memory held before.
+_STRICT = {"GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO"}
+
 # Never take pixels from overviews, because they may hold anything. A VRT with larger pixels
 # than its sources would.
 _NO_OVERVIEWS = {"GDAL_OVERVIEW_OVERSAMPLING_THRESHOLD": "0"}
@@ -38,12 +42,16 @@ _CORES_A_HANDLE = 8
 # A process that reads many scenes keeps the handles of this many openings.
 _MOST_READINGS = 4
 
+# What rasterio raises if GDAL fails. Most are RasterioError; some reach us as GDAL raised them,
+# and texts that are not UTF-8 do not reach us at all.
+GDAL_ERRORS = (RasterioError, CPLE_BaseError, UnicodeDecodeError)
+
 _lock = threading.Lock()
 
 
 def settings() -> dict[str, Any]:
     """Return the settings of the current rasterio.Env. Other threads do not see that Env."""
-    options = {**(dict(getenv()) if hasenv() else {}), **_NO_OVERVIEWS}
+    options = {**_STRICT, **(dict(getenv()) if hasenv() else {}), **_NO_OVERVIEWS}
     is_set = _CACHE in options or _CACHE in os.environ
     return options if is_set else {**options, _CACHE: CACHE_BYTES}
 
@@ -112,6 +120,7 @@ class Handles:
     def _open(self) -> rasterio.DatasetReader:
         try:
             handle = open_raster(self._name, side_files=self._side_files)
+            opening_error(handle)
         except SourceError as error:
             raise SourceError(
                 f"{error}; it existed when the work began, and each worker needs it at that path"
@@ -211,7 +220,7 @@ def open_raster(name: str, *, side_files: bool = True) -> rasterio.DatasetReader
         with _lock, warnings.catch_warnings(), without, _own_shifts():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             return rasterio.open(name)
-    except (RasterioError, ValueError, TypeError) as error:
+    except (*GDAL_ERRORS, ValueError, TypeError) as error:
         path = Path(name)
         reason = f"is not a raster that GDAL can open ({one_line(error)})"
         if not is_remote(name) and not path.exists():
@@ -232,6 +241,19 @@ def _own_shifts() -> Iterator[None]:
     finally:
         # "YES" is the default, and there is no public way to unset it.
         set_gdal_config(_STRIP_SHIFT, before or "YES", normalize=False)
+
+
+def opening_error(dataset: rasterio.DatasetReader) -> str | None:
+    """Return the error that GDAL reported about a dataset that it opened nevertheless, or None.
+
+    Call it first: else rasterio raises the error later, in another call of this thread that may
+    be about another dataset. Asking for the colours makes GDAL read the georeference too.
+    """
+    try:
+        _ = dataset.colorinterp
+    except GDAL_ERRORS as error:
+        return one_line(error)
+    return None
 
 
 def is_remote(name: str) -> bool:

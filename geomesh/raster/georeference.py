@@ -54,7 +54,8 @@ def georeference(
         )
     if gcps:
         reason = (
-            f"has {len(gcps)} ground control points, too few or on one line: give three or more"
+            f"has {len(gcps)} ground control points, not finite, too few or on one line: give "
+            "three or more"
         )
     elif dataset.rpcs is not None:
         reason = (
@@ -77,7 +78,7 @@ def _grid(
 
 def _spread(points: NDArray[np.float64]) -> bool:
     """Return whether points (n, 2) are not on one line, so that they fix an affine transform."""
-    if len(points) < 3:
+    if len(points) < 3 or not np.isfinite(points).all():
         return False
     centred = points - points.mean(axis=0)
     return bool(np.linalg.matrix_rank(centred, tol=1e-9 * np.abs(centred).max()) == 2)

@@ -24,6 +24,8 @@ IDENTITY = Affine.identity()
 # At least this many float64 numbers must lie within a pixel; else triangles would have no area.
 _LEAST_STEPS = 1024
 
+# The square of a coordinate up to this is finite in float64, and so is the area of a triangle.
+_FARTHEST = 1e150
 
 # Nodes lie on a lattice of 1/256 pixel. This is exact in float64 and in the predicates.
 LATTICE = 256.0
@@ -111,9 +113,16 @@ class Grid:
                 f"the transform {tuple(self.transform[:6])} maps every pixel onto a line: correct "
                 "the georeference"
             )
+        with np.errstate(over="ignore", invalid="ignore"):
+            reach = float(np.abs(self.bounds()).max())
+        if not reach < _FARTHEST:
+            raise GeoreferenceError(
+                f"the transform {tuple(self.transform[:6])} leads to coordinates that are too "
+                "large to measure areas: correct the georeference"
+            )
         a, b, _, d, e, _ = self.transform[:6]
         pixel = min(math.hypot(a, d), math.hypot(b, e))
-        if pixel < _LEAST_STEPS * np.spacing(max(map(abs, self.bounds()))):
+        if pixel < _LEAST_STEPS * np.spacing(reach):
             raise GeoreferenceError(
                 f"pixels of {pixel:g} map units are smaller than float64 coordinates can resolve "
                 f"at {self.transform.c:g}, {self.transform.f:g}: correct the georeference"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -30,7 +30,7 @@ from geomesh.raster.dataarray import (
     read_dataarray,
 )
 from geomesh.raster.file_set import require_parts
-from geomesh.raster.gdal import BorrowedDataset, open_raster
+from geomesh.raster.gdal import GDAL_ERRORS, BorrowedDataset, open_raster, opening_error
 from geomesh.raster.georeference import georeference
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.nodata import Number, note_on_nodata, parse_nodata
@@ -38,6 +38,7 @@ from geomesh.raster.pixels import Excerpt
 from geomesh.raster.scaling import PLAIN, SCALED, choose_scalings
 from geomesh.raster.scene import Scene
 from geomesh.raster.side_files import find_contradiction
+from geomesh.raster.tiff import check_blocks
 
 if TYPE_CHECKING:
     import rasterio
@@ -118,12 +119,15 @@ def open_scene(
     elif isinstance(source, _DATASETS):
         if source.closed:
             raise SourceError(f"{source.name} is closed; give an open dataset, or its path")
-        borrowed = BorrowedDataset(source)
-        scene = _dataset_scene(name or source.name, borrowed, source, bidx, given, values)
-        scene = replace(scene, notes=(*_note_on_side_file(source), *scene.notes))
+        borrowed, shown = BorrowedDataset(source), name or source.name
+        with _described(shown):
+            on_opening = _note_on_opening(shown, source)
+            scene = _dataset_scene(shown, borrowed, source, bidx, given, values)
+            scene = replace(scene, notes=(*on_opening, *_note_on_side_file(source), *scene.notes))
     elif isinstance(source, str | PathLike):
         path = fspath(source)
-        scene = _file_scene(path, name or path, bidx, given, values)
+        with _described(name or path):
+            scene = _file_scene(path, name or path, bidx, given, values)
     else:
         raise SourceError(
             f"cannot open a {type(source).__name__} as a raster: give a path, an open rasterio "
@@ -136,6 +140,18 @@ def open_scene(
     if isinstance(scene.source, str):
         require_parts(scene.source, scene.window, [band.index for band in scene.bands])
     return scene
+
+
+@contextmanager
+def _described(name: str) -> Iterator[None]:
+    """Raise SourceError if GDAL opens a dataset but cannot describe it."""
+    try:
+        yield
+    except GDAL_ERRORS as error:
+        raise SourceError(
+            f"{name} is damaged: its bands or its georeference cannot be read (GDAL: "
+            f"{one_line(error)}); download or export it again"
+        ) from error
 
 
 def _parse_crs(label: str, crs: Any) -> CRS | None:
@@ -212,13 +228,27 @@ def _file_scene(
     # Absolute, because workers in other processes may have another working folder.
     absolute = os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
     with open_raster(path) as dataset:
+        on_opening = _note_on_opening(name, dataset)
         contradiction = find_contradiction(dataset)
         if contradiction is None:
-            return _dataset_scene(name, absolute, dataset, bidx, given, values)
+            scene = _dataset_scene(name, absolute, dataset, bidx, given, values)
+            return replace(scene, notes=(*on_opening, *scene.notes))
     with open_raster(path, side_files=False) as dataset:
+        opening_error(dataset)
         scene = _dataset_scene(name, absolute, dataset, bidx, given, values)
     note = f"{name}: {contradiction}; the side file is not used"
     return replace(scene, side_files=False, notes=(note, *scene.notes))
+
+
+def _note_on_opening(name: str, dataset: Any) -> tuple[str, ...]:
+    """Return a note if GDAL reported an error and opened the dataset nevertheless."""
+    error = opening_error(dataset)
+    if error is None:
+        return ()
+    return (
+        f"{name}: GDAL reports an error in this file ({error}); check the georeference and the "
+        "values",
+    )
 
 
 def _note_on_side_file(dataset: Any) -> tuple[str, ...]:
@@ -243,6 +273,8 @@ def _dataset_scene(
             f"{name} contains no bands of its own; name one of its subdatasets: "
             f"{', '.join(dataset.subdatasets[:3]) or 'none found'}"
         )
+    if dataset.driver == "GTiff":
+        check_blocks(name, dataset)
     bands, dtype = dataset_bands(name, dataset, bidx, values.alpha)
     indexes = [band.index for band in bands]
     # The values of a palette are classes, which cannot be scaled.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from rasterio.enums import MaskFlags
+from rasterio.errors import RasterioIOError
 from rasterio.windows import Window as RasterioWindow
 
 from geomesh.raster.bands import alpha_indexes
@@ -33,6 +35,10 @@ _FIRST_ROUNDED = 2**53
 
 # Pixels that one call of GDAL reads when they are decimated: fewer than those of a tile.
 _MOST_PIXELS = 1 << 20
+
+
+# To recognise pixels that were not read. Any type can hold them.
+_UNLIKELY = (101, 58)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +119,10 @@ def read_stored(
     """
 
     def read(method: Callable[..., NDArray[Any]], bands: Any) -> NDArray[Any]:
-        return _read(method, bands, window, shape, _block_height(dataset))
+        first = bands if isinstance(bands, int) else bands[0]
+        is_mask = method == dataset.read_masks
+        dtype = np.dtype(np.uint8 if is_mask else dataset.dtypes[first - 1])
+        return _read(method, bands, dtype, window, shape, _block_height(dataset))
 
     if max(indexes) > dataset.count:
         raise IndexError(f"it has no band {max(indexes)}")
@@ -210,7 +219,8 @@ def _is_rounded(nodata: float | None, dtype: np.dtype[Any]) -> bool:
 
 def _read(
     method: Callable[..., NDArray[Any]],
-    bands: Any,
+    bands: int | Sequence[int],
+    dtype: np.dtype[Any],
     window: Window,
     shape: tuple[int, int] | None,
     block_height: int,
@@ -223,8 +233,9 @@ def _read(
 
     def call(row: int, height: int) -> NDArray[Any]:
         there = RasterioWindow(window.col, window.row + row, window.width, height)
-        return method(bands, window=there)
+        return _filled(partial(method, bands, window=there), (*planes, height, window.width), dtype)
 
+    planes = () if isinstance(bands, int) else (len(bands),)
     if shape is None:
         return call(0, window.height)
     rows, cols = _thin(slice(0, window.height), shape[0]), _thin(slice(0, window.width), shape[1])
@@ -238,6 +249,20 @@ def _read(
             for start in starts
         ]
     return np.concatenate(parts, axis=-2)[..., : shape[0], :]
+
+
+def _filled(read: Callable[..., Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return what `read(out=...)` writes; raise RasterioIOError if it stopped in silence.
+
+    rasterio returns normally if GDAL fails without a message, or with one that is not UTF-8.
+    The last pixel then still has the value from before, whichever that was.
+    """
+    for value in _UNLIKELY:
+        out = np.full(shape, value, dtype)
+        read(out=out)
+        if not (out[..., -1, -1] == np.array(value).astype(dtype)).any():
+            return out
+    raise RasterioIOError("no pixels, and no reason that can be shown")
 
 
 def _block_height(dataset: rasterio.DatasetReader) -> int:

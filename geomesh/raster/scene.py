@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
-from rasterio.errors import RasterioError
 
 from geomesh.errors import SourceError, one_line
 from geomesh.raster.bands import Band, described_color, find_rgb, palette
 from geomesh.raster.file_set import find_culprit
-from geomesh.raster.gdal import CACHE_BYTES, BorrowedDataset, close_handles, handles, is_remote
+from geomesh.raster.gdal import (
+    CACHE_BYTES,
+    GDAL_ERRORS,
+    BorrowedDataset,
+    close_handles,
+    handles,
+    is_remote,
+)
 from geomesh.raster.pixels import Excerpt, Pixels, convert, read_stored
 
 if TYPE_CHECKING:
@@ -172,7 +178,7 @@ class Scene:
                 f"{self.name} changed while it was read ({one_line(error)}); start again when the "
                 "file is complete"
             ) from error
-        except RasterioError as error:
+        except GDAL_ERRORS as error:
             reason = "the file is truncated or damaged; download or export it again"
             if isinstance(self.source, str) and is_remote(self.source):
                 reason = "the file is damaged or the transfer failed; try again, or download it"

@@ -12,7 +12,7 @@ from pyproj.exceptions import CRSError
 from rasterio.enums import ColorInterp
 
 from geomesh.raster.crs import crs_label, same_crs, to_pyproj
-from geomesh.raster.gdal import open_raster
+from geomesh.raster.gdal import open_raster, opening_error
 from geomesh.raster.grid import IDENTITY
 from geomesh.raster.nodata import stored_range
 
@@ -57,10 +57,14 @@ def find_contradiction(dataset: rasterio.DatasetReader) -> Contradiction | None:
 
     A side file may add what the file does not say, such as the CRS of a PNG.
     """
-    beside = [name for name in dataset.files if name.lower().endswith(_ENDINGS)]
+    try:
+        beside = [name for name in dataset.files if name.lower().endswith(_ENDINGS)]
+    except UnicodeDecodeError:  # the name of a file is not UTF-8
+        return None
     if not beside:
         return None
     with open_raster(dataset.name, side_files=False) as plain:
+        opening_error(plain)
         subjects = tuple(_contradicted(plain, dataset))
     return Contradiction(PurePath(beside[0]).name, subjects) if subjects else None
 
