@@ -242,6 +242,19 @@ def test_a_side_file_that_contradicts_the_raster_is_not_believed(tmp_path, conte
     assert made.psnr(path).pixels == SIZE - 4 * COLS
 
 
+def test_side_files_of_erdas_imagine_are_not_believed_either(tmp_path):
+    path = write_raster(tmp_path, nodata=60)
+    other = write_raster(tmp_path, "other.tif", crs="EPSG:3857", nodata=80)
+    aux = {"AUX": "YES", "DEPENDENT_FILE": "scene.tif"}
+    rasterio.shutil.copy(other, tmp_path / "scene.aux", driver="HFA", **aux)
+    with rasterio.open(path) as dataset:
+        assert dataset.nodata == 80
+    scene = open_scene(path)
+    assert "scene.aux contradicts the file itself (CRS EPSG:3857" in scene.notes[0]
+    assert scene.grid.crs == "EPSG:32725"
+    np.testing.assert_array_equal(read(path)[1], picture()[0] != 60)
+
+
 def test_a_side_file_is_not_believed_by_workers_in_other_processes(tmp_path):
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
