@@ -42,6 +42,10 @@ _DECIMALS = (7, 9, 11, 13)
 # Significant digits of attributes: the precision of float32.
 _DIGITS = 7
 
+# If the longitudes of a map differ from those of WGS 84 by angles that are within so many
+# degrees of each other, edges are straight.
+_MOST_DISTORTION = 0.1
+
 # So many triangles tell whether the map is mirrored.
 _SAMPLE = 100
 
@@ -90,8 +94,8 @@ class LonLatLayer(Layer):
                 f"none: {crop}write .gpkg"
             )
         layer, follower = Layer.of(mesh, name), None
-        if is_lonlat(crs):
-            x, y = mesh.map_nodes.T * np.degrees(crs.axis_info[0].unit_conversion_factor)
+        if is_lonlat(crs) and not _is_distorted(mesh, lonlat):
+            x, y = _degrees(mesh).T
             lonlat[:, 0] += whole_turns(x - lonlat[:, 0])
             lonlat[:, 1] += y - y.clip(-90, 90)
         else:
@@ -219,6 +223,23 @@ def _to_lonlat(crs: CRS) -> Callable[[Points], Points]:
         return lonlat
 
     return convert
+
+
+def _degrees(mesh: TriangleMesh) -> Points:
+    crs = mesh.grid.crs
+    assert crs is not None
+    return mesh.map_nodes * float(np.degrees(crs.axis_info[0].unit_conversion_factor))
+
+
+def _is_distorted(mesh: TriangleMesh, lonlat: Points) -> bool:
+    """Return whether longitudes change by different angles, as from one datum to another.
+
+    That is so near the poles, which are in different places.
+    """
+    change = lonlat[:, 0] - _degrees(mesh)[:, 0]
+    change -= change[0]
+    change -= whole_turns(change)
+    return bool(np.ptp(change) > _MOST_DISTORTION)
 
 
 def _is_mirrored(mesh: TriangleMesh, to_lonlat: Callable[[Points], Points]) -> bool:

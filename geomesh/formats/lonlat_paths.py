@@ -1,7 +1,7 @@
 """Edges of a mesh in longitude and latitude, where a straight line of the map is a curve.
 
 An edge gets points of its own where the straight line between its ends, in longitude and
-latitude, would leave the true one by more than an eighth of a pixel. So both triangles beside
+latitude, would leave the true one by more than a sixteenth of a pixel. So both triangles beside
 it keep the same border, wherever they lie, and each stays on the pixels that it was made from.
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     ToLonLat = Callable[[Points], Points]
 
 # In pixels.
-_TOLERANCE = 1 / 8
+_TOLERANCE = 1 / 16
 
 # An edge of n pixels that leaves a great circle no faster than this many times what a
 # parallel does is not looked at, while that must be within the tolerance.

@@ -148,7 +148,8 @@ def _packed(colors: NDArray[np.str_]) -> NDArray[np.float64]:
 
 
 def _placed(crs: CRS | None) -> dict[str, str]:
-    return {} if crs is None else {"grid_mapping": _CRS}
+    # A grid mapping leads to the Earth, so a local CRS is none: xugrid refuses it.
+    return {} if crs is None or crs.is_engineering else {"grid_mapping": _CRS}
 
 
 def _crs_attributes(crs: CRS) -> dict[str, Any]:

@@ -182,6 +182,8 @@ def crs_label(crs: CRS | None) -> str:
 
 def is_known(crs: CRS) -> bool:
     """Return whether the code of a CRS says it all, to pyproj at least."""
+    if crs.is_bound:  # PROJ would take ten seconds to look for its like
+        return False
     coded = _by_code(crs)
     return coded is not None and same_crs(crs, coded)
 

@@ -14,6 +14,7 @@ from pyproj.exceptions import ProjError
 from geomesh.errors import GeoreferenceError, OutputError, extra_required
 from geomesh.formats.lonlat import LonLatLayer
 from geomesh.mesh.colors import brightened, format_colors, parse_colors
+from geomesh.raster.crs import crs_label
 from geomesh.view.thumbnail import thumbnail
 
 if TYPE_CHECKING:
@@ -61,8 +62,8 @@ def _facts(mesh: TriangleMesh) -> Iterator[tuple[str, str]]:
     if grid.crs is None:
         yield "CRS", "none"
     else:
-        authority = grid.crs.to_authority()
-        yield "CRS", escape(":".join(authority) + ", " if authority else "") + escape(grid.crs.name)
+        label = crs_label(grid.crs)
+        yield "CRS", escape(f"{label}, {grid.crs.name}" if ":" in label else label)
     west, south, east, north = (f"{number:.10g}" for number in grid.bounds())
     yield "Bounds", f"x {west} to {east}, y {south} to {north}"
     preset = metadata.get("recipe", {}).get("preset")
