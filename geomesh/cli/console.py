@@ -242,7 +242,9 @@ def guarded(console: Console, debug: bool, about: str = "") -> Iterator[list[str
                 raise
         except MemoryError:
             failures.append("not enough memory")
-            console.error("memory", "not enough memory: choose a smaller part with --bounds")
+            part = spell("`bounds`")
+            way_out = f": choose a smaller part with {part}" if part.startswith("--") else ""
+            console.error("memory", f"not enough memory{way_out}")
         except Exception as error:
             if debug:
                 raise

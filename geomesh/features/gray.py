@@ -66,7 +66,7 @@ def gray_weights(
         if rgb is None:
             raise BandError(
                 f"luma needs red, green and blue among the {count} bands: choose three with "
-                "`bidx`, or set `gray` to mean, pca or band:N"
+                "`bidx`, if there are three, or set `gray` to mean, pca or band:N"
             )
         weights[list(rgb)] = LUMA
     elif method == "pca":

@@ -48,7 +48,4 @@ def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
         if suffix in known.extensions:
             return known
     usual = ", ".join(known.extensions[0] for known in FORMATS)
-    raise OutputError(
-        f"{path} has no extension that names a format; choose from {usual}, or name one with "
-        "`driver`"
-    )
+    raise OutputError(f"{path} has no extension that names a format; choose from {usual}")

@@ -219,8 +219,8 @@ def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
         return []
     return [
         f"this recipe processes all {width} x {height} pixels at once and needs about "
-        f"{gigabytes:.0f} GB of memory; to work tile by tile, use sift_max_octave=2, "
-        "sift_source=gray and the default blur"
+        f"{gigabytes:.0f} GB of memory; to work tile by tile, use `sift_max_octave=2` "
+        "`sift_source=gray` `sift_sigma=1.6` `sift_octave_layers=3`"
     ]
 
 

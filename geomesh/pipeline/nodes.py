@@ -70,6 +70,7 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
         Used are min_spacing, nodes, domain, border_spacing and min_hole.
     """
     features = _features(detection, grid, recipe)
+    thinned = len(detection.keypoints) - len(features)
     loops, facts = _domain(detection, grid, recipe)
     notes = _notes_on_domain(facts, recipe)
     if not loops:
@@ -95,7 +96,7 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     facts = replace(facts, area=sum(map(loop_area, border)))
     taken = _distinct(border)
     if facts.kind == recipe.domain:
-        notes += _notes_on_number(len(features), taken, recipe, facts)
+        notes += _notes_on_number(len(features), taken, recipe, facts, thinned)
     chosen = _strongest(features, recipe, facts, taken=taken)
     return replace(_join(chosen, border, facts), notes=tuple(notes))
 
@@ -110,22 +111,29 @@ def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
     return [f"{' and '.join(changes)}, each {small}"] if changes else []
 
 
-def _notes_on_number(features: int, border: int, recipe: Recipe, facts: DomainFacts) -> list[str]:
+def _notes_on_number(
+    features: int, border: int, recipe: Recipe, facts: DomainFacts, thinned: int
+) -> list[str]:
     budget = recipe.node_budget(facts.valid_pixels)
     if budget is not None and border > budget:
         return [f"the outline alone needs {border} nodes, more than the {budget} requested"]
     if features == 0:
-        return ["no keypoints found (the image may be constant): the mesh is the outline only"]
+        text = "no keypoints found (the image may be constant): the mesh is the outline only"
+        return [text if recipe.sobel else f"{text}; if it is not, `sobel=True` gives more"]
+    is_smooth = features < _FEW * facts.valid_pixels
+    ways = ["`sobel=True`"]
+    if recipe.sobel or not is_smooth:
+        ways = ["`edge_distance=None`"] * (recipe.edge_distance is not None)
+        ways += ["`min_spacing=1`"] * (recipe.min_spacing > 1 and thinned > 0)
+    more = f"; {' or '.join(ways)} gives more" if ways else ""
     if budget is not None and features + border < budget:
         return [
             f"{features + border} of the {budget} requested nodes: the image has no more keypoints "
-            "on edges; `edge_distance=None` or `min_spacing=1` gives more"
+            f"on edges{more}"
         ]
-    if features < _FEW * facts.valid_pixels:
-        return [
-            f"only {features} keypoints in {facts.valid_pixels} pixels: the image is smooth; "
-            "`sobel=True` finds more"
-        ]
+    if is_smooth:
+        smooth = f"only {features} keypoints in {facts.valid_pixels} pixels: the image is smooth"
+        return [f"{smooth}{more}"]
     return []
 
 

@@ -70,7 +70,8 @@ def find_transform(name: str, source: DataArray, x: Any, y: Any) -> tuple[Affine
         if misfit:
             raise GeoreferenceError(
                 f"{name} has {axis} coordinates that are not evenly spaced, by up to {misfit:.2g} "
-                "pixels: resample it to a regular grid with .interp() or .rio.reproject()"
+                "pixels: resample it to a regular grid, as with "
+                f".interp({axis}=numpy.linspace(...))"
             )
     return (fitted, ()) if stored is None else _reconciled(name, fitted, stored, xs, ys)
 

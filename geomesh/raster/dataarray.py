@@ -188,9 +188,10 @@ def read_dataarray(
         y, x = source.rio.y_dim, source.rio.x_dim
     except MissingSpatialDimensionError as error:
         names = ", ".join(map(str, source.dims)) or "none"
+        columns, rows = (*map(str, source.dims[::-1]), "lon", "lat")[:2]
         raise SourceError(
             f"{name} has no dimensions x and y (its dimensions: {names}); rename them, as in "
-            ".rename(lon='x', lat='y')"
+            f".rename({columns}='x', {rows}='y')"
         ) from error
     others = [dimension for dimension in source.dims if dimension not in (y, x)]
     unknown = [dimension for dimension in others if dimension not in _BAND_DIMENSIONS]
