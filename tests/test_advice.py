@@ -428,6 +428,19 @@ def test_extras_that_are_named_exist() -> None:
     assert named <= set(project["optional-dependencies"])
 
 
+def test_buttons_that_the_plugin_advises_exist() -> None:
+    plugin = ROOT / "qgis_plugin" / "geomesh_qgis"
+    labels = "".join(path.read_text() for path in (plugin / "options").glob("*.py"))
+    advised = {
+        label
+        for path in (plugin / "engine").glob("*.py")
+        for label in re.findall(r"(?:press|with) (Reinstall|Install|Verify)", path.read_text())
+    }
+    assert advised == {"Reinstall", "Install", "Verify"}
+    for label in advised:
+        assert re.search(f'"{label}( geomesh)?"', labels), label
+
+
 def test_the_recipe_of_info_is_accepted(folder: Path, command: Geomesh) -> None:
     mesh_of()(folder)
     Path("recipe.json").write_text(command("info", "mesh.gpkg", "--json").out)
