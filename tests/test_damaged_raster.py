@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from dataclasses import replace
@@ -99,6 +100,7 @@ def test_a_raster_of_more_pixels_than_any_is_refused(tmp_path: Path, command: Ge
     assert re.search("scene.vrt has 2147483647 x 2147483647 pixels, .* with --bounds", error)
     # The advice works.
     west, north = NORTH_UP.c, NORTH_UP.f
+    # Only the blocks around the box are looked at.
     box = (west, north - 30 * ROWS, west + 30 * COLS, north)
     mesh = geomesh.mesh_raster(tmp_path / "scene.vrt", bounds=box, nodes=60)
     assert mesh.domain.valid_pixels == SIZE
@@ -194,3 +196,28 @@ def test_any_value_can_be_in_the_last_pixel(tmp_path: Path, dtype: str, value: i
     bands, valid = open_scene(path).read(open_scene(path).window)
     np.testing.assert_array_equal(bands, data)
     assert valid.all()
+
+
+@pytest.mark.parametrize("transform", [NORTH_UP, Affine(50, 0, 0, 0, -1, 0)])
+def test_meters_are_no_longitudes(tmp_path: Path, transform: Affine) -> None:
+    # The areas of such triangles would mean nothing.
+    path = write_raster(tmp_path, crs="EPSG:4326", transform=transform)
+    with pytest.raises(GeoreferenceError, match=r"WGS 84.* in angles, but x runs .* with `crs`"):
+        geomesh.mesh_raster(path)
+    assert geomesh.mesh_raster(path, crs=UTM, nodes=60).grid.crs == UTM
+
+
+def test_a_palette_without_colours_is_no_palette(tmp_path: Path) -> None:
+    path = write_raster(tmp_path, data=picture().astype(np.uint16))
+    side = '<PAMRasterBand band="1"><ColorInterp>Palette</ColorInterp></PAMRasterBand>'
+    (tmp_path / "scene.tif.aux.xml").write_text(f"<PAMDataset>{side}</PAMDataset>")
+    with rasterio.open(path) as dataset:
+        assert dataset.colorinterp == (rasterio.enums.ColorInterp.palette,)
+    assert open_scene(path).bands[0].color is None
+
+
+def test_info_prints_json_for_an_infinite_scale(tmp_path: Path, command: Geomesh) -> None:
+    path = write_raster(tmp_path, change=lambda dataset: setattr(dataset, "offsets", [np.inf]))
+    run = command("info", path, "--json")
+    (band,) = json.loads(run.out, parse_constant=pytest.fail)["bands"]
+    assert (band["scale"], band["offset"]) == (1, "inf")

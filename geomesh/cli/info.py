@@ -161,15 +161,15 @@ def _describe_band(dataset: rasterio.DatasetReader, band: Band) -> dict[str, Any
         "nodata": None if nodata is None else _plain(nodata),
     }
     if (dataset.scales[k], dataset.offsets[k]) != PLAIN:
-        facts |= {"scale": dataset.scales[k], "offset": dataset.offsets[k]}
+        facts |= {"scale": _plain(dataset.scales[k]), "offset": _plain(dataset.offsets[k])}
     return facts | ({"unit": unit} if unit else {})
 
 
-def _plain(nodata: float) -> int | float | str:
-    """Return a nodata value as JSON can have it, and a whole number as one."""
-    if not math.isfinite(nodata):
-        return str(nodata)
-    return int(nodata) if nodata == int(nodata) and abs(nodata) < _LONG_NUMBER else nodata
+def _plain(value: float) -> int | float | str:
+    """Return a number of a band as JSON can have it, and a whole number as one."""
+    if not math.isfinite(value):
+        return str(value)
+    return int(value) if value == int(value) and abs(value) < _LONG_NUMBER else value
 
 
 def _as_text(facts: Mapping[str, Any], indent: str = "") -> str:

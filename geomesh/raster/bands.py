@@ -207,7 +207,10 @@ def palette(
         return None
     if np.dtype(dataset.dtypes[0]).kind not in "ui":  # only whole numbers are classes
         return None
-    entries = dataset.colormap(1)
+    try:
+        entries = dataset.colormap(1)
+    except ValueError:  # the band is tagged as a palette, and there is no colour table
+        return None
     table = np.zeros((max(entries) + 1, 4), np.uint8)
     for value, rgba in entries.items():
         table[value] = rgba

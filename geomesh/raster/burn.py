@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import shapely
 
 from geomesh.raster.grid import Grid, Window
 from geomesh.raster.pixel_mask import PixelMask
@@ -74,10 +75,13 @@ def burn(areas: Sequence[Polygons], grid: Grid, name: str) -> Burnt:
     rows, cols = np.divmod(near, grid.width + 2)
     packed: dict[Window, NDArray[np.uint8]] = {}
     count = 0
-    for row in range(0, grid.height, _BLOCK):
+    part = grid.extent
+    for placed in all_placed:
+        part = part.clip(_reach(placed))
+    for row in range(part.row // _BLOCK * _BLOCK, part.stop_row, _BLOCK):
         # Numbers of cells are in the order of rows, and start with the row above the grid.
         first, stop = np.searchsorted(rows, [row, row + _BLOCK + 2])
-        for col in range(0, grid.width, _BLOCK):
+        for col in range(part.col // _BLOCK * _BLOCK, part.stop_col, _BLOCK):
             here = (cols[first:stop] >= col) & (cols[first:stop] < col + _BLOCK + 2)
             cells = rows[first:stop][here] - row, cols[first:stop][here] - col
             window = Window(col, row, _BLOCK, _BLOCK).clip(grid.extent)
@@ -90,6 +94,23 @@ def burn(areas: Sequence[Polygons], grid: Grid, name: str) -> Burnt:
     window, mask = _join(packed)
     is_full = count == window.width * window.height
     return Burnt(window, None if is_full else mask, touched=len(near) > 0)
+
+
+def _reach(placed: Placed) -> Window:
+    """Return a window of the grid with all pixels of an area: all, if sides may be curved."""
+    if placed.transformer is not None:
+        return placed.grid.extent
+    corners = shapely.get_coordinates(shapely.box(*placed.area.shape.bounds))
+    spots = [placed.to_pixel(corners, turn) for turn in placed.turns()]
+    limit = [placed.grid.width, placed.grid.height]
+    if not spots or not np.isfinite(spots).all():
+        return placed.grid.extent
+    around = np.concatenate(spots)
+    (left, top), (right, bottom) = (
+        np.clip(edge, -1, np.add(limit, 1)).astype(int).tolist()
+        for edge in (around.min(axis=0) - 1, around.max(axis=0) + 2)
+    )
+    return Window(left, top, right - left, bottom - top)
 
 
 def _burn_block(

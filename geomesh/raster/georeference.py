@@ -9,8 +9,9 @@ import numpy as np
 from rasterio.transform import from_gcps
 
 from geomesh.errors import GeoreferenceError, one_line
-from geomesh.raster.crs import is_of_map, to_pyproj
+from geomesh.raster.crs import has_angles, is_of_map, to_pyproj
 from geomesh.raster.grid import IDENTITY, Grid
+from geomesh.raster.placed import full_turn
 
 if TYPE_CHECKING:
     import rasterio
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
     from geomesh.raster.dataarray import ArrayRaster
 
 _NO_CRS = "{} has no CRS, so the mesh has no CRS either"
+
+
+# A raster may reach half a pixel beyond the poles, or go around the globe more than once. Twice
+# the latitude of a pole and more turns than these are no degrees.
+_MOST_TURNS = 3
 
 
 def georeference(
@@ -71,9 +77,19 @@ def _grid(
     name: str, dataset: rasterio.DatasetReader | ArrayRaster, transform: Affine, crs: CRS | None
 ) -> Grid:
     try:
-        return Grid(dataset.width, dataset.height, transform, crs)
+        grid = Grid(dataset.width, dataset.height, transform, crs)
     except GeoreferenceError as error:
         raise GeoreferenceError(f"{name}: {error}") from error
+    if crs is not None and has_angles(crs):
+        west, south, east, north = grid.bounds()
+        full = full_turn(crs)
+        if east - west > _MOST_TURNS * full or max(-south, north) > full / 2:
+            raise GeoreferenceError(
+                f"{name} has the CRS {crs.name!r}, which is in angles, but x runs from {west:.7g} "
+                f"to {east:.7g} and y from {south:.7g} to {north:.7g}: correct the georeference, "
+                "or give the CRS of these coordinates with `crs`"
+            )
+    return grid
 
 
 def _spread(points: NDArray[np.float64]) -> bool:
