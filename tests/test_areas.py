@@ -20,7 +20,7 @@ from rasterio.transform import from_bounds
 
 import geomesh
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
-from geomesh.raster import burn
+from geomesh.raster.aoi import burn
 from geomesh.raster.grid import Window
 from geomesh.raster.open import open_scene
 from geomesh.raster.pixel_mask import PixelMask

@@ -7,6 +7,7 @@ between them by its definition (WKT2). The code is used only where it means the 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,6 +105,11 @@ def has_angles(crs: CRS) -> bool:
     """Return whether x and y are angles: of any planet, of a rotated pole too."""
     plain = horizontal(crs)
     return bool(plain.is_geographic) or _is_planetocentric(plain)
+
+
+def full_turn(crs: CRS) -> float:
+    """Return 360 degrees in the unit of a CRS that has angles."""
+    return float(2 * math.pi / horizontal(crs).axis_info[0].unit_conversion_factor)
 
 
 def is_rotated(crs: CRS) -> bool:

@@ -9,9 +9,8 @@ import numpy as np
 from rasterio.transform import from_gcps
 
 from geomesh.errors import GeoreferenceError, one_line
-from geomesh.raster.crs import has_angles, is_of_map, to_pyproj
+from geomesh.raster.crs import full_turn, has_angles, is_of_map, to_pyproj
 from geomesh.raster.grid import IDENTITY, Grid
-from geomesh.raster.placed import full_turn
 
 if TYPE_CHECKING:
     import rasterio

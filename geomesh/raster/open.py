@@ -18,9 +18,9 @@ from rasterio.vrt import WarpedVRT
 from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.parameters import ALPHA, Alpha
 from geomesh.raster.alpha import note_on_alpha
+from geomesh.raster.aoi.restrict import restrict
 from geomesh.raster.band_names import BandText
 from geomesh.raster.bands import array_bands, class_band, dataset_bands, palette
-from geomesh.raster.crop import restrict
 from geomesh.raster.crs import to_pyproj
 from geomesh.raster.dataarray import (
     ArrayRaster,

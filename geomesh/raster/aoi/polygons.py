@@ -15,7 +15,7 @@ import shapely
 from pyproj.exceptions import CRSError
 
 from geomesh.errors import GeoreferenceError, SourceError, one_line
-from geomesh.raster.crs import LONLAT, horizontal, to_pyproj
+from geomesh.raster.crs import LONLAT, full_turn, has_angles, to_pyproj
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -93,8 +93,8 @@ def read_polygons(mask: Any, raster_crs: CRS | None, layer: str | None = None) -
     if own is None and from_file and raster_crs is not None:
         notes += (f"{name} has no CRS: its coordinates are taken as those of the raster",)
     known = own or raster_crs
-    if known is not None and horizontal(known).is_geographic:
-        degrees = float(np.degrees(horizontal(known).axis_info[0].unit_conversion_factor))
+    if known is not None and has_angles(known):
+        degrees = 360 / full_turn(known)
         _require_degrees(shape, degrees, known, name)
         notes += _wide_sides(shape, degrees, name)
     return Polygons(name, shape, known, notes)

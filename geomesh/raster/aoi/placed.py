@@ -13,7 +13,7 @@ from pyproj.enums import TransformDirection
 from pyproj.exceptions import ProjError
 
 from geomesh.errors import GeoreferenceError
-from geomesh.raster.crs import crs_label, horizontal, same_crs
+from geomesh.raster.crs import crs_label, full_turn, has_angles, same_crs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pyproj import CRS
 
     from geomesh.arrays.types import Mask, Points
+    from geomesh.raster.aoi.polygons import Polygons
     from geomesh.raster.grid import Grid
-    from geomesh.raster.polygons import Polygons
 
 # Longitudes may differ by a few whole turns: one source counts from -180, another to 360.
 _MOST_TURNS = 3
@@ -118,7 +118,7 @@ class Placed:
 
 def _turns(crs: CRS | None, x: tuple[float, float], to: tuple[float, float]) -> Iterator[float]:
     """Yield the multiples of a whole turn by which the range `x` can be moved to touch `to`."""
-    if crs is None or not horizontal(crs).is_geographic:
+    if crs is None or not has_angles(crs):
         yield 0.0
         return
     full = full_turn(crs)
@@ -126,8 +126,3 @@ def _turns(crs: CRS | None, x: tuple[float, float], to: tuple[float, float]) -> 
     last = min(math.floor((to[1] - x[0]) / full), _MOST_TURNS)
     for turn in range(first, last + 1):
         yield turn * full
-
-
-def full_turn(crs: CRS) -> float:
-    """Return 360 degrees in the unit of a geographic CRS."""
-    return float(2 * math.pi / horizontal(crs).axis_info[0].unit_conversion_factor)

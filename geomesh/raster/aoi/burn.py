@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import shapely
 
+from geomesh.raster.aoi.placed import Placed
+from geomesh.raster.aoi.trace import near_cells
 from geomesh.raster.grid import Grid, Window
 from geomesh.raster.pixel_mask import PixelMask
-from geomesh.raster.placed import Placed
-from geomesh.raster.trace import near_cells
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Mask, Points
-    from geomesh.raster.polygons import Polygons
+    from geomesh.raster.aoi.polygons import Polygons
 
 # Side of the blocks that are burnt one after the other, in pixels: a multiple of 8.
 _BLOCK = 1024

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Floats, Points
-    from geomesh.raster.placed import Placed
+    from geomesh.raster.aoi.placed import Placed
 
     Locate = Callable[[Points], Points]
 
