@@ -531,7 +531,7 @@ def test_info_tells_what_hides_pixels_and_what_is_not_used(tmp_path, command: Ge
         "nodata of band 1, nodata of band 2",
         "unused overviews: 2",
         "scene.tif.ovr",
-        "scale 2.0, offset 5.0",
+        "scale 2, offset 5",
         "the side file is not used",
     ):
         assert words in text, text

@@ -584,6 +584,6 @@ def test_the_command_says_how_to_scale(tmp_path, command: Geomesh):
     run = command("mesh", path, "-o", tmp_path / "scaled.gpkg", "--unscale")
     assert not any("scale" in text for text in run.warnings())
     facts = command("info", path).out
-    assert "scale 0.5, offset 100.0" in facts
+    assert "scale 0.5, offset 100" in facts
     assert "nodata -32768, scale" in facts
     assert "--unscale applies them" in facts
