@@ -394,6 +394,11 @@ def test_each_axis_has_its_own_unit() -> None:
     assert area_in(crs, np.array([(500, 0), (501, 0), (500, 10)])) == pytest.approx(5000)
 
 
+def test_areas_in_an_unknown_unit_are_in_its_square() -> None:
+    crs = CRS.from_wkt(SITE.replace('"metre",1', '"unknown",0'))
+    assert area_in(crs, np.array([(0, 0), (4, 0), (0, 6)])) == pytest.approx(12)
+
+
 @pytest.mark.parametrize("unit", [1.0, math.pi / 200], ids=["radian", "grad"])
 def test_angles_in_other_units_have_the_aspect_and_the_areas_of_degrees(unit: float) -> None:
     definition = CRS(4326).to_json_dict()

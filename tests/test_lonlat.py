@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
@@ -146,6 +147,16 @@ def test_only_a_triangle_around_a_pole_is_wide(tmp_path: Path) -> None:
     assert wide.sum() == 1
 
 
+def test_the_web_map_shows_the_same_polygons(monkeypatch: pytest.MonkeyPatch) -> None:
+    crs, transform = REGIONS["antimeridian"]
+    mesh = frame_mesh(Grid(WIDTH, HEIGHT, transform, crs))
+    shown = []
+    monkeypatch.setattr(gpd.GeoDataFrame, "explore", lambda frame, **_: shown.append(frame))
+    mesh.explore("ki")
+    assert shown[0].crs == CRS(4326)
+    assert shapely.equals(shown[0].geometry.values, shapes(mesh)).all()
+
+
 def test_ordinary_triangles_keep_three_corners() -> None:
     # 100 pixels of 10 m: the straight line is within a sixteenth of a pixel.
     mesh = lattice_mesh("EPSG:32633", Affine(1000, 0, 4e5, 0, -1000, 5e6), 10, 10)
@@ -262,16 +273,13 @@ def test_off_the_disc_the_advised_bounds_work(tmp_path: Path) -> None:
     with pytest.raises(GeoreferenceError, match="leave them out with `bounds` or `mask`"):
         write_mesh(geomesh.mesh_raster(source, nodes=50), tmp_path / "mesh.geojson")
     disc = shapely.Point(0, 0).buffer(5e6)
-    for part in ({"bounds": (-3.5e6, -3.5e6, 3.5e6, 3.5e6)}, {"mask": geo(disc)}):
+    for part in (
+        {"bounds": (-3.5e6, -3.5e6, 3.5e6, 3.5e6)},
+        {"mask": gpd.GeoSeries([disc], crs=GEOSTATIONARY)},
+    ):
         mesh = geomesh.mesh_raster(source, nodes=50, **part)
         write_mesh(mesh, tmp_path / "mesh.geojson", overwrite=True)
         assert shapely.is_valid(shapes(mesh)).all()
-
-
-def geo(shape: shapely.Geometry) -> object:
-    import geopandas as gpd
-
-    return gpd.GeoSeries([shape], crs=GEOSTATIONARY)
 
 
 def test_where_nothing_is_on_earth_no_crop_is_advised(tmp_path: Path) -> None:

@@ -9,14 +9,20 @@ from pyproj.exceptions import CRSError
 
 from geomesh.raster.crs import is_known
 
+# Whose codes programs know.
+_AUTHORITIES = ("EPSG", "ESRI", "OGC")
+
 
 def portable_wkt(crs: CRS) -> str:
     """Return the WKT2 of a CRS, with its code only if the code says it all.
 
     Of a CRS with a code GDAL states little more than the code. A program whose database lacks
-    the code would not find the CRS, and a datum shift would be lost.
+    the code would not find the CRS, and a datum shift would be lost. QGIS 3.22 finds none by the
+    codes of planets.
     """
-    wkt: str = (crs if is_known(crs) else without_code(crs)).to_wkt()
+    authority = crs.to_json_dict().get("id", {}).get("authority")
+    kept = authority in _AUTHORITIES and is_known(crs)
+    wkt: str = (crs if kept else without_code(crs)).to_wkt()
     return wkt
 
 
