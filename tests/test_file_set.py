@@ -99,6 +99,17 @@ def test_a_file_missing_in_a_mosaic_of_mosaics_is_named(tmp_path: Path, lost: st
     assert f"its file {tmp_path / lost} is missing" in refusal(source)
 
 
+def test_a_link_to_a_mosaic_finds_the_tiles_beside_the_mosaic(tmp_path: Path) -> None:
+    source = mosaic(tmp_path / "there")
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "link.vrt").symlink_to(source)
+    assert len(geomesh.mesh_raster(tmp_path / "here" / "link.vrt").nodes) > 4
+    (tmp_path / "there" / "left.tif").unlink()
+    assert f"{tmp_path / 'there' / 'left.tif'} is missing" in refusal(
+        tmp_path / "here" / "link.vrt"
+    )
+
+
 def test_a_mosaic_that_names_itself_comes_to_an_end(tmp_path: Path) -> None:
     source = tmp_path / "self.vrt"
     source.write_text(vrt_of("self.vrt"))
@@ -193,6 +204,8 @@ def test_files_beside_a_raster_are_not_rasters(tmp_path: Path) -> None:
         assert refusal(tmp_path / name).endswith(" of scene.tif; give scene.tif instead")
     (tmp_path / "scene.tfw").unlink()
     open_scene(source)
+    shutil.copy(source, tmp_path / "scene.msk")  # a raster of its own
+    open_scene(tmp_path / "scene.msk")
 
 
 def test_an_arc_grid_without_one_of_its_files(tmp_path: Path) -> None:

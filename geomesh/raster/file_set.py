@@ -29,7 +29,8 @@ _HEADERS = {
 # Extension of a file that is opened by its description to that of its pixels.
 _PIXELS = {".grd": ".gri", ".ers": "", ".mrf": ".idx"}
 
-# Endings of files beside a raster; a ".*" stands for the extension of the raster.
+# Endings of files beside a raster, and what they have. They take the place of its extension or are
+# appended to it.
 _BESIDE = {
     ".ovr": "the overviews",
     ".msk": "the mask",
@@ -39,6 +40,9 @@ _BESIDE = {
     **dict.fromkeys((".stx", ".clr", ".idx"), "other metadata"),
     ".gri": "the pixels",
 }
+
+# Of these, the endings that are always appended: scene.msk may be a raster of its own.
+_APPENDED = (".ovr", ".msk", ".aux.xml")
 
 # The pixels that may lie beside such a file, the likely ones first.
 _RASTERS = (
@@ -54,7 +58,7 @@ _SOURCES = ("SourceFilename", "SourceDataset")
 _OPTIONAL = ("Overview", "OverviewList")
 
 # A name of GDAL that is no path, such as a URL, NETCDF:"file.nc":band or /vsizip/all.zip/a.tif.
-_NO_PATH = re.compile(r"/vsi|[A-Za-z0-9_+.-]{2,}:|<")
+_NO_PATH = re.compile(r"/vsi|[A-Za-z0-9_+.-]{2,}:|[<{]")
 
 # A path in a message of GDAL.
 _PATH = re.compile(r"[^\s`'\",]*[/\\][^`'\",:]+")
@@ -125,7 +129,7 @@ def find_culprit(name: str, message: str) -> str | None:
             return f"its tile {part} is truncated or damaged; download or export that again"
     for found in _PATH.findall(message):
         if not Path(found.strip()).exists():
-            return _missing(Path(found.strip()))
+            return f"its file {found.strip()} is missing; put it there"
     return None
 
 
@@ -154,8 +158,8 @@ def _files(path: Path, extensions: Collection[str], appended: str) -> Iterator[P
 def _main_file(path: Path, ending: str) -> Path | None:
     """Return the raster beside which a file lies: scene.tif of scene.tif.ovr or scene.tfw."""
     whole = path.with_name(path.name[: -len(ending)])
-    if whole.is_file() and whole.suffix:
-        return whole
+    if ending in _APPENDED or (whole.is_file() and whole.suffix):
+        return whole if whole.is_file() else None
     return next(_files(path, _RASTERS, ending), None)
 
 
@@ -233,7 +237,8 @@ def _parts(
         if not text or _NO_PATH.match(text):
             continue
         relative = source.get("relativeToVRT", source.get("relativetoVRT", "0")) == "1"
-        part = path.parent / text if relative else Path(text)
+        # As GDAL does, follow a link to the VRT first.
+        part = path.resolve().parent / text if relative else Path(text)
         if part in known:
             continue
         known.add(part)
