@@ -208,6 +208,15 @@ def test_files_beside_a_raster_are_not_rasters(tmp_path: Path) -> None:
     open_scene(tmp_path / "scene.msk")
 
 
+def test_a_file_of_pixels_that_is_missed_while_reading_is_named(tmp_path: Path) -> None:
+    """An image of ERDAS may keep its pixels in a second file, which GDAL opens late."""
+    with rasterio.open(write_raster(tmp_path)) as dataset:
+        rasterio.shutil.copy(dataset, tmp_path / "spilled.img", driver="HFA", use_spill="yes")
+    (tmp_path / "spilled.ige").unlink()
+    with pytest.raises(SourceError, match=r"spilled\.ige is missing; put it there \(GDAL"):
+        geomesh.mesh_raster(tmp_path / "spilled.img")
+
+
 def test_an_arc_grid_without_one_of_its_files(tmp_path: Path) -> None:
     folder = tmp_path / "grid"
     folder.mkdir()
