@@ -137,11 +137,18 @@ def _values(path: Path, *, exact: bool = False) -> np.ndarray:
             valid &= np.isfinite(band)
         for index in alphas:
             valid &= dataset.read(index) > 0
-        if dataset.count == 1 and colors[0] == ColorInterp.palette:
-            entries = dataset.colormap(1)
+        entries = _palette(dataset)
+        if entries:
             clear = [value for value, color in entries.items() if color[3] == 0]
             valid &= ~np.isin(np.clip(bands[1], 0, max(entries)), clear)
         return np.stack([band[valid] for band in bands.values()])
+
+
+def _palette(dataset: rasterio.DatasetReader) -> dict[int, tuple[int, ...]]:
+    if dataset.count == 1 and dataset.colorinterp[0] == ColorInterp.palette:
+        with suppress(ValueError):  # there are no colours
+            return dataset.colormap(1)
+    return {}
 
 
 def _try_more(path: Path, number: int, mesh: geomesh.Mesh | None) -> None:

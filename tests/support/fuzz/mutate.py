@@ -203,12 +203,13 @@ def _change_crs(tiff: Tiff, random: Random) -> Tiff:
 def _change_pixels(tiff: Tiff, random: Random) -> Tiff:
     """Put special numbers among the values of an uncompressed image."""
     tags = {entry.tag: tiff.values(entry) for entry in tiff.directories[0]}
-    kind = {(32, 3): 11, (64, 3): 12}.get((tags[258][0], tags.get(339, [1])[0]), 3)
+    kind = {(32, 3): 11, (64, 3): 12}.get((*tags.get(258, [8])[:1], *tags.get(339, [1])[:1]), 3)
+    strips = list(zip(tags.get(273, []), tags.get(279, []), strict=False))
     data = bytearray(tiff.data)
-    if tags[259] == [1] and 273 in tags:
+    if tags.get(259) == [1] and strips:
         for _ in range(2 ** int(random.integers(8))):
-            start, size = pick(random, list(zip(tags[273], tags[279], strict=True)))
-            at = int(start) + 8 * int(random.integers(size // 8))
+            start, size = pick(random, strips)
+            at = int(start) + 8 * int(random.integers(min(size, len(data)) // 8 + 1))
             value = tiff.pack(kind, [pick(random, REAL if kind > 3 else WHOLE)])
             data[at : at + len(value)] = value
     return replace(tiff, data=bytes(data))

@@ -11,6 +11,7 @@ import threading
 import time
 import traceback
 from collections import Counter, defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -105,11 +106,9 @@ def fuzz(
                 print(f"number {number}: {name}: {answer['fault']}", flush=True)
         child.close()
 
-    threads = [threading.Thread(target=work) for _ in range(processes)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(processes) as pool:
+        for future in [pool.submit(work) for _ in range(processes)]:
+            future.result()
     report.seconds = time.monotonic() - started
     return report
 
