@@ -21,7 +21,7 @@ from geomesh.errors import BandError, GeomeshError, GeomeshWarning, Georeference
 from geomesh.raster.grid import Grid
 from geomesh.raster.open import open_scene
 from support.commands import Geomesh, assert_refused
-from support.fuzz.mutate import _with_checksums
+from support.fuzz.png import build_png, read_chunks
 from support.fuzz.tiff import ASCII, Tiff
 from support.rasters import COLS, NORTH_UP, ROWS, SIZE, UTM, picture, write_raster
 
@@ -158,10 +158,10 @@ def test_an_error_of_gdal_on_opening_is_told_once(tmp_path: Path) -> None:
 def test_a_png_with_damaged_data_is_refused(tmp_path: Path) -> None:
     # GDAL's fast way to read a whole PNG would give what the memory happens to hold.
     path = Path(write_raster(tmp_path, "scene.png", picture(3), driver="PNG"))
-    data = bytearray(path.read_bytes())
-    at = data.index(b"IDAT") + 6
-    data[at : at + 40] = bytes(40)
-    path.write_bytes(_with_checksums(bytes(data)))
+    chunks = read_chunks(path.read_bytes())
+    at = [kind for kind, _ in chunks].index(b"IDAT")
+    chunks[at] = b"IDAT", chunks[at][1][:2] + bytes(40) + chunks[at][1][42:]
+    path.write_bytes(build_png(chunks))
     with pytest.raises(GeomeshError, match=r"scene\.png: cannot read columns 0 to 64"):
         geomesh.mesh_raster(path, nodes=60)
 

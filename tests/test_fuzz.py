@@ -35,7 +35,7 @@ def test_mutants_are_meshed_or_refused_in_one_line() -> None:
     assert report.outcomes.total() == COUNT
     # Else the mutants would say little about an original. Complex numbers are always refused.
     meshed = {name: found["mesh"] for name, found in report.by_original.items()}
-    assert min(meshed.values()) == meshed.pop("complex")
+    del meshed["complex"]
     assert min(meshed.values()) > 5
 
 

@@ -23,7 +23,7 @@ TILES = {"tiled": True, "blockxsize": 16, "blockysize": 16}
 class Original:
     """A raster: the file to open, the file to change, and all its files."""
 
-    kind: Literal["tiff", "text", "bytes"]
+    kind: Literal["tiff", "text", "png"]
     opened: Path
     changed: Path
 
@@ -77,7 +77,7 @@ def _vrt(folder: Path) -> Original:
 
 def _png(folder: Path) -> Original:
     path = Path(write_raster(folder, "scene.png", picture(3), driver="PNG", crs=None))
-    return Original("bytes", path, path)
+    return Original("png", path, path)
 
 
 def _envi(folder: Path) -> Original:
