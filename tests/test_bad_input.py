@@ -309,7 +309,7 @@ AS_GEOJSON: dict[str, str | None] = {
     "local crs": "no transformation from 'site grid' to them: write .gpkg",
     "Mars": "no transformation from .*Mars.* to them: write .gpkg",
     "geostationary": "nodes have none: leave them out with --bounds or --mask, or write .gpkg",
-    "half a pixel beyond the poles": "nodes have none: leave them out with --bounds or --mask",
+    "half a pixel beyond the poles": None,
 }
 
 # Wrong usage: exit code 2, before any file is read. SRC is a raster.
