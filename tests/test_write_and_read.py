@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import pickle
@@ -22,6 +23,7 @@ import pyogrio
 import pytest
 import shapely
 from affine import Affine
+from pyogrio.errors import DataLayerError
 from pyproj import CRS, Transformer
 
 from geomesh.arrays.plain import plain_json
@@ -29,6 +31,7 @@ from geomesh.arrays.table import Table
 from geomesh.errors import CertificateError, GeoreferenceError, MeshFileError, OutputError
 from geomesh.formats import arrow, batch_stream
 from geomesh.formats.registry import find_format
+from geomesh.io.atomic import writing_to
 from geomesh.io.read import read_mesh
 from geomesh.io.write import check_output, write_mesh
 from geomesh.mesh.provenance import CannyThresholds, PixelCounts
@@ -442,6 +445,57 @@ def test_unwritable_folder_is_refused(tmp_path: Path) -> None:
     folder = Path("/proc") if os.geteuid() == 0 else locked
     with pytest.raises(OutputError, match=r"cannot be written: .*; choose another folder"):
         check_output(folder / "mesh.gpkg")
+
+
+@pytest.mark.parametrize(
+    ("error", "way_out"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "free some space or choose another"),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), "free some space or choose another folder"),
+        (OSError(errno.EFBIG, "File too large"), "free some space or choose another folder"),
+        (OSError(errno.EACCES, "Permission denied"), "denied; choose another folder"),
+        (OSError(errno.EROFS, "Read-only file system"), "system; choose another folder"),
+        (OSError(errno.ENAMETOOLONG, "File name too long"), "long; give it a shorter name"),
+        (OSError(errno.EMFILE, "Too many open files"), "files; allow more open files, as with ul"),
+        (OSError("the file has only 2 of 3 rows"), "rows; choose another format"),
+        (DataLayerError("database or disk is full"), "full; free some space or choose another"),
+        (DataLayerError("Unknown type of field"), "field; choose another format"),
+    ],
+    ids=str,
+)
+def test_the_way_out_is_that_of_the_cause(tmp_path: Path, error: Exception, way_out: str) -> None:
+    target = tmp_path / "mesh.gpkg"
+    with (
+        pytest.raises(OutputError, match=f"mesh.gpkg could not be written: .*{way_out}"),
+        writing_to(target, "pyogrio", way_out="choose another format"),
+    ):
+        raise error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_slashes_at_the_start_are_one(tmp_path: Path) -> None:
+    """pyogrio would take the first folder for a host."""
+    path = write_mesh(random_mesh(), f"/{tmp_path}/mesh.gpkg")
+    assert_same(read_mesh(path), random_mesh())
+
+
+@pytest.mark.parametrize("name", ["two\nlines.gpkg", "tab\t.gpkg", "semi;colon!.gpkg", " a.gpkg"])
+def test_odd_names_are_read_as_they_were_written(tmp_path: Path, name: str) -> None:
+    assert_same(read_mesh(write_mesh(random_mesh(), tmp_path / name)), random_mesh())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names are bytes on POSIX only")
+def test_paths_that_pyogrio_cannot_open_are_refused_in_advance(tmp_path: Path) -> None:
+    for folder in ("wow!", "two\nlines", "tab\t"):
+        (tmp_path / folder).mkdir()
+        with pytest.raises(OutputError, match="choose a folder without"):
+            check_output(tmp_path / folder / "mesh.gpkg")
+    odd = tmp_path / os.fsdecode(b"\xff.gpkg")
+    with pytest.raises(OutputError, match="is not valid UTF-8; choose another name"):
+        check_output(odd)
+    write_mesh(random_mesh(), tmp_path / "mesh.gpkg").rename(odd)
+    with pytest.raises(MeshFileError, match="is not valid UTF-8; rename it"):
+        read_mesh(odd)
 
 
 def test_columns_that_a_format_cannot_hold_are_refused(tmp_path: Path) -> None:
