@@ -530,14 +530,17 @@ def sample_of_codes(count: int) -> list[str]:
     return [infos[k].code for k in sorted(chosen)]
 
 
-def check_code(folder: Path, code: int) -> None:
-    """Write a raster in a CRS, and a mesh of it in each kind of format."""
+def check_code(folder: Path, code: int) -> bool:
+    """Write a raster in a CRS, and a mesh of it in each kind of format.
+
+    Return False for a CRS whose projection PROJ lacks.
+    """
     crs = CRS.from_epsg(code)
     middle = area_of_use(crs.area_of_use)
     try:
         x, y = Transformer.from_crs(LONLAT, crs, always_xy=True).transform(*middle)
     except ProjError:
-        pytest.skip("PROJ lacks the projection")
+        return False
     pixel = 10 / crs.axis_info[0].unit_conversion_factor
     if has_angles(crs):
         pixel /= 6e6
@@ -558,11 +561,12 @@ def check_code(folder: Path, code: int) -> None:
     write_mesh(mesh, folder / "m.nc", overwrite=True)
     found = read_layer(write_mesh(mesh, folder / "m.gpkg", **options)).crs
     assert same_crs(found, crs), code
+    return True
 
 
 @pytest.mark.parametrize("code", sample_of_codes(200)[::25])
 def test_any_code_is_read_and_stated_as_the_same_crs(tmp_path: Path, code: str) -> None:
-    check_code(tmp_path, int(code))
+    assert check_code(tmp_path, int(code))
 
 
 @pytest.mark.slow
@@ -573,5 +577,5 @@ def test_many_codes_are_read_and_stated_as_the_same_crs(tmp_path: Path) -> None:
         assert same_crs(found, crs), code
         assert same_crs(CRS.from_wkt(portable_wkt(found)), crs), code
         assert same_crs(CRS.from_wkt(wkt1_or_wkt2(found)), crs), code
-    for code in sample_of_codes(200)[5::10]:
-        check_code(tmp_path, int(code))
+    checked = [check_code(tmp_path, int(code)) for code in sample_of_codes(200)[5::10]]
+    assert sum(checked) >= len(checked) - 1
