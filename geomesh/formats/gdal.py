@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
+from geomesh.raster.gdal import plain_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from os import PathLike
     from pathlib import Path
 
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.formats.format import LayerFile, WriteRows
-
-
-# Characters that change the meaning of a path for pyogrio.
-_SPECIAL = frozenset("!;\t\n\r")
 
 
 def write_by_gdal(
@@ -76,18 +71,6 @@ def read_document_by_gdal(path: Path) -> str:
         if KEY in metadata:
             return str(metadata[KEY])
     raise KeyError(KEY)
-
-
-def plain_name(path: str | PathLike[str]) -> str:
-    """Return a name with which pyogrio opens exactly this file.
-
-    pyogrio parses a path as a URL: some characters have a special meaning or are left out, except
-    in GDAL's virtual file systems. `/vsisubfile/0,` is such a file system: the whole file, from
-    its first byte.
-    """
-    name = os.path.abspath(path)  # noqa: PTH100  (pathlib would not open "zip:mesh.gpkg" either)
-    special = set(name) & _SPECIAL or name.startswith("//")
-    return f"/vsisubfile/0,{name}" if special else name
 
 
 def count_by_gdal(path: Path, layer: str) -> int:

@@ -16,13 +16,13 @@ from pyproj import CRS
 from geomesh.arrays.table import Table
 from geomesh.errors import GeomeshError, GeomeshWarning, MeshFileError, one_line
 from geomesh.formats.document import FORMAT, KEY
-from geomesh.formats.gdal import plain_name
 from geomesh.io.columns import added_by_others, can_keep, to_array, to_points
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import build_edges
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parameters import LAYERS, LayerName
+from geomesh.raster.gdal import plain_name
 from geomesh.raster.grid import Grid
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from pyproj.exceptions import CRSError
 
 from geomesh.errors import GeoreferenceError, SourceError, one_line
 from geomesh.raster.crs import LONLAT, full_turn, has_angles, to_pyproj
+from geomesh.raster.gdal import is_remote, plain_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -154,7 +155,7 @@ def _read_file(path: str, name: str, layer: str | None) -> tuple[NDArray[Any], s
     from pyogrio.errors import DataLayerError, DataSourceError
 
     _require_set(path, name)
-    source = path if "/vsi" in path or not set(path) & set("!;") else f"/vsisubfile/0,{path}"
+    source = path if is_remote(path) else plain_name(path)
     try:
         layers = {str(found): kind for found, kind in pyogrio.list_layers(source)}
         chosen = _choose_layer(layers, layer, name)
