@@ -223,8 +223,9 @@ ADVISED = {
 
 
 @pytest.mark.parametrize("place", ADVISED)
-def test_the_advised_bounds_work(tmp_path: Path, place: str) -> None:
-    source = (picture(rows=60, cols=60), ADVISED[place], "EPSG:4326")
+@pytest.mark.parametrize("crs", [CRS(4326), rotated_pole(40, 10)], ids=["plain", "rotated"])
+def test_the_advised_bounds_work(tmp_path: Path, place: str, crs: CRS) -> None:
+    source = (picture(rows=60, cols=60), ADVISED[place], crs)
     target = tmp_path / "mesh.geojson"
     with pytest.raises(GeoreferenceError, match="lie beyond a pole") as caught:
         write_mesh(geomesh.mesh_raster(source, nodes=100), target)

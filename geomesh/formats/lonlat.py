@@ -99,8 +99,7 @@ class LonLatLayer(Layer):
             lonlat[:, 0] += whole_turns(x - lonlat[:, 0])
             lonlat[:, 1] += y - y.clip(-90, 90)
         else:
-            sides = mesh.triangles[:, :2]
-            follower = Follower.of(mesh.map_nodes, lonlat, mesh.nodes, sides, to_lonlat)
+            follower = Follower.of(mesh.map_nodes, lonlat, mesh.nodes, mesh.triangles, to_lonlat)
         return cls(
             name,
             Table({name: _rounded(values) for name, values in layer.columns.items()}),

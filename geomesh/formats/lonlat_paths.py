@@ -34,7 +34,7 @@ _SUSPECT_TURN = 90.0
 _STARTING_PIECES = 4
 _MOST_HALVINGS = 20
 
-# So many edges tell the size of a pixel on the ground.
+# So many triangles tell the size of a pixel on the ground.
 _SAMPLE = 1000
 
 
@@ -114,13 +114,15 @@ class Follower:
         nodes: Points,
         lonlat: Points,
         pixels: Points,
-        edges: NDArray[np.integer],
+        triangles: NDArray[np.integer],
         to_lonlat: ToLonLat,
     ) -> Follower:
-        """Return the follower for a mesh; of `edges` (E, 2) some tell the size of a pixel."""
-        start, stop = edges[:: max(len(edges) // _SAMPLE, 1)].T
+        """Return the follower for a mesh; some of its triangles tell the size of a pixel."""
+        some = triangles[:: max(len(triangles) // _SAMPLE, 1)]
+        start, stop = some.ravel(), np.roll(some, -1, axis=1).ravel()
         lengths = np.hypot(*(pixels[stop] - pixels[start]).T)
-        pixel = float(np.median(_arc(lonlat[start], lonlat[stop]) / lengths))
+        # Not the middle: the ends of some edges are in one place, as all of a pole's row are.
+        pixel = float(np.quantile(_arc(lonlat[start], lonlat[stop]) / lengths, 0.9))
         return cls(nodes, lonlat, pixels, to_lonlat, pixel)
 
     def follow(self, start: NDArray[np.integer], stop: NDArray[np.integer]) -> Paths:
