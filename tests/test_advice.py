@@ -441,6 +441,14 @@ def test_buttons_that_the_plugin_advises_exist() -> None:
         assert re.search(f'"{label}( geomesh)?"', labels), label
 
 
+def test_a_raster_without_a_valid_pixel_is_described(folder: Path, command: Geomesh) -> None:
+    """The command has no --nodata, which the error of the others advises."""
+    nodata_everywhere(folder)
+    run = command("info", "scene.tif")
+    assert (run.code, run.err) == (0, "")
+    assert "valid share: 0.0" in run.out
+
+
 def test_the_recipe_of_info_is_accepted(folder: Path, command: Geomesh) -> None:
     mesh_of()(folder)
     Path("recipe.json").write_text(command("info", "mesh.gpkg", "--json").out)

@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import click
 
 from geomesh.cli.console import exit_code, guarded, open_console, spell
 from geomesh.cli.streams import echo, printable
+from geomesh.errors import EmptyError
 
 if TYPE_CHECKING:
     import rasterio
@@ -95,8 +97,11 @@ def _describe_raster(path: str) -> dict[str, Any]:
 
     scene = open_scene(path)
     grid = scene.grid
+    valid_share = 0.0
     with open_workers() as workers, scene.open():
-        _, valid = read_overview(scene, workers, silent)
+        # A raster without a valid pixel is described too: its nodata value may be wrong.
+        with suppress(EmptyError):
+            valid_share = float(read_overview(scene, workers, silent)[1].mean())
         bands, facts = _describe_values(scene)
         # The options that notes name are those of `geomesh mesh`.
         with click.Context(mesh):
@@ -110,7 +115,7 @@ def _describe_raster(path: str) -> dict[str, Any]:
         "transform": list(grid.transform[:6]),
         "bounds": list(grid.bounds()),
         **facts,
-        "valid_share": float(valid.mean()),
+        "valid_share": valid_share,
         "tiles": len(plan_tiles(grid.extent)),
         "notes": notes,
     }
