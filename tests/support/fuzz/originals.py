@@ -75,6 +75,37 @@ def _vrt(folder: Path) -> Original:
     return Original("text", folder / "scene.vrt", folder / "scene.vrt")
 
 
+_SOURCE = """
+    <{kind}Source>
+      <SourceFilename relativeToVRT="1">{name}.tif</SourceFilename>
+      <SourceBand>1</SourceBand>
+      <SrcRect xOff="0" yOff="0" xSize="64" ySize="48" />
+      <DstRect xOff="{left}" yOff="0" xSize="{width}" ySize="48" />{more}
+    </{kind}Source>"""
+
+
+def _mosaic(folder: Path) -> Original:
+    """Two files side by side, one of them scaled and with half as many pixels."""
+    write_raster(folder, "source.tif", picture(), nodata=3)
+    write_raster(folder, "other.tif", picture() // 2)
+    more = "<ScaleOffset>2</ScaleOffset><ScaleRatio>1.5</ScaleRatio><NODATA>9</NODATA>"
+    sources = _SOURCE.format(kind="Simple", name="source", left=0, width=64, more="")
+    sources += _SOURCE.format(kind="Complex", name="other", left=64, width=32, more=more)
+    path = folder / "scene.vrt"
+    path.write_text(
+        f"""<VRTDataset rasterXSize="96" rasterYSize="48">
+  <SRS>{UTM}</SRS>
+  <GeoTransform>288000, 30, 0, 9120000, 0, -30</GeoTransform>
+  <VRTRasterBand dataType="Float32" band="1">
+    <NoDataValue>-5</NoDataValue>
+    <Scale>0.5</Scale>{sources}
+  </VRTRasterBand>
+</VRTDataset>
+"""
+    )
+    return Original("text", path, path)
+
+
 def _png(folder: Path) -> Original:
     path = Path(write_raster(folder, "scene.png", picture(3), driver="PNG", crs=None))
     return Original("png", path, path)
@@ -168,6 +199,7 @@ WRITERS: dict[str, Writer] = {
     "cog": _cog,
     "side file": _side_file,
     "vrt": _vrt,
+    "mosaic": _mosaic,
     "png": _png,
     "envi": _envi,
 }
