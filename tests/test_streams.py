@@ -93,7 +93,7 @@ def test_every_table_is_printed_by_a_terminal_of_another_encoding(tmp_path: Path
         ("stages", source, "-o", tmp_path / f"{NAME}.png"),
         ("evaluate", source, tmp_path / f"{NAME} painted.tif"),
     ):
-        run = run_program(*command, env=env)
+        run = run_program(*command, env=env, encoding="cp1252")
         assert (run.code, "Traceback" in run.err) == (0, False), run
         # The table is narrow, and a long name is folded in it.
         assert r"\u5317\u4eac" in run.out.replace("\n", "")
