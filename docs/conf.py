@@ -32,6 +32,8 @@ nitpicky = True
 
 # The pages are Markdown, so that the website of the repository can show them too.
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb"}
+# Headings can be linked to from other pages, as on code hosting sites.
+myst_heading_anchors = 2
 myst_enable_extensions = ["dollarmath"]
 # Command blocks also contain output or comments, so highlighting as a language does not work.
 highlight_language = "none"
