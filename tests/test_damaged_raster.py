@@ -88,6 +88,13 @@ def test_a_huge_block_in_a_small_file_is_refused(tmp_path: Path, tags: dict[int,
         geomesh.mesh_raster(path)
 
 
+def test_a_tile_of_gigabytes_around_a_small_image_is_refused(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (3, 600, 540), np.uint8)
+    path = edited(write_raster(tmp_path, data=noise, **TILES), {TILE_WIDTH: 10**7})
+    with pytest.raises(SourceError, match=r"600 pixels are in blocks of 10000000 x 16, but"):
+        geomesh.mesh_raster(path)
+
+
 def test_a_raster_of_more_pixels_than_any_is_refused(tmp_path: Path, command: Geomesh) -> None:
     copy(write_raster(tmp_path), tmp_path / "scene.vrt", driver="VRT")
     text = (tmp_path / "scene.vrt").read_text()

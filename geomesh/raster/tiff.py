@@ -28,10 +28,11 @@ _INTEGERS = {1: "B", 3: "H", 4: "I", 16: "Q"}
 
 _SEPARATE = 2
 
-# GDAL holds a whole block in memory. Few files have blocks of so many values, and no compression
-# of real pixels makes so many values from a byte.
+# GDAL holds a whole block in memory. Few files have blocks of so many values, no compression of
+# real pixels makes so many values from a byte, and none has a tile so much larger than the image.
 _LARGE_BLOCK = 2**28
-_HIGH_RATIO = 10_000
+_HIGH_RATIO = 2_000
+_BEYOND = 16
 
 
 def check_blocks(name: str, dataset: rasterio.DatasetReader) -> None:
@@ -57,7 +58,9 @@ def check_blocks(name: str, dataset: rasterio.DatasetReader) -> None:
     expected, listed = _count_blocks(entries)
     if listed < expected:
         reason = f"have {expected} blocks, but the index of the file lists {listed}"
-    elif values >= max(_LARGE_BLOCK, _HIGH_RATIO * size):
+    elif values >= _LARGE_BLOCK and (
+        values >= _HIGH_RATIO * size or rows * cols > _BEYOND * dataset.width * dataset.height
+    ):
         reason = f"are in blocks of {cols} x {rows}, but the file has {size} bytes only"
     else:
         return
