@@ -6,7 +6,6 @@ import json
 import math
 import sys
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -97,15 +96,17 @@ def _describe_raster(path: str) -> dict[str, Any]:
 
     scene = open_scene(path)
     grid = scene.grid
-    valid_share = 0.0
+    valid_share, notes = 0.0, list(scene.notes)
     with open_workers() as workers, scene.open():
         # A raster without a valid pixel is described too: its nodata value may be wrong.
-        with suppress(EmptyError):
+        try:
             valid_share = float(read_overview(scene, workers, silent)[1].mean())
+        except EmptyError as error:
+            notes.append(str(error))
         bands, facts = _describe_values(scene)
-        # The options that notes name are those of `geomesh mesh`.
-        with click.Context(mesh):
-            notes = [spell(note) for note in scene.notes]
+    # The options that notes name are those of `geomesh mesh`.
+    with click.Context(mesh):
+        notes = [spell(note) for note in notes]
     return {
         "raster": str(path),
         "size": [grid.width, grid.height],
