@@ -21,7 +21,8 @@ from rasterio.transform import from_bounds
 import geomesh
 from geomesh.errors import EmptyError, GeoreferenceError, SourceError
 from geomesh.raster.aoi import burn
-from geomesh.raster.grid import Window
+from geomesh.raster.aoi.polygons import read_polygons
+from geomesh.raster.grid import Grid, Window
 from geomesh.raster.open import open_scene
 from geomesh.raster.pixel_mask import PixelMask
 
@@ -180,6 +181,17 @@ def test_areas_at_poles_and_at_the_antimeridian(
         expected = expected_area(transform, shape, crs, area, area_crs)
         found = find_area(raster, mask=gpd.GeoSeries([area], crs=area_crs))
         assert (found == expected).all(), (name, int((found != expected).sum()))
+
+
+def test_a_small_area_on_a_terapixel_is_found_without_looking_at_all_of_it() -> None:
+    grid = Grid(1_000_000, 1_000_000, Affine(1, 0, 0, 0, -1, 6_000_000), CRS(UTM))
+    area = shapely.Point(12.1, 50.1).buffer(0.005)
+    found = burn.burn([read_polygons(gpd.GeoSeries([area], crs=4326), grid.crs)], grid, "it")
+    assert found.mask is not None
+    window, shape = found.window, found.window.pad(3).shape
+    transform = grid.window(window.pad(3)).transform
+    expected = expected_area(transform, shape, UTM, area, 4326)
+    np.testing.assert_array_equal(found.mask.read(window.pad(3)), expected)
 
 
 # What is given

@@ -21,15 +21,20 @@ from geomesh.raster.grid import Grid, Window
 from geomesh.raster.pixel_mask import PixelMask
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Mask, Points
     from geomesh.raster.aoi.polygons import Polygons
 
-# Side of the blocks that are burnt one after the other, in pixels: a multiple of 8.
+# Side of the blocks that are burnt one after the other, in pixels: a multiple of 8. Squares of
+# 4, 16, ... blocks are passed over at once, if they are outside.
 _BLOCK = 1024
+_LEVELS = 4
+
+# Rows and columns of pixels near a side, as `near_cells` numbers them.
+Cells = tuple["NDArray[np.int64]", "NDArray[np.int64]"]
 
 # In a block, a centre in each square of this many pixels is looked up too, in case that the
 # answer changes where there is no side.
@@ -72,28 +77,56 @@ def burn(areas: Sequence[Polygons], grid: Grid, name: str) -> Burnt:
     """
     all_placed = [Placed.of(area, grid, name) for area in areas]
     near = np.unique(np.concatenate([near_cells(placed) for placed in all_placed]))
-    rows, cols = np.divmod(near, grid.width + 2)
+    cells = np.divmod(near, grid.width + 2)
     packed: dict[Window, NDArray[np.uint8]] = {}
     count = 0
     part = grid.extent
     for placed in all_placed:
         part = part.clip(_reach(placed))
-    for row in range(part.row // _BLOCK * _BLOCK, part.stop_row, _BLOCK):
-        # Numbers of cells are in the order of rows, and start with the row above the grid.
-        first, stop = np.searchsorted(rows, [row, row + _BLOCK + 2])
-        for col in range(part.col // _BLOCK * _BLOCK, part.stop_col, _BLOCK):
-            here = (cols[first:stop] >= col) & (cols[first:stop] < col + _BLOCK + 2)
-            cells = rows[first:stop][here] - row, cols[first:stop][here] - col
-            window = Window(col, row, _BLOCK, _BLOCK).clip(grid.extent)
-            found = _burn_block(window, cells, all_placed)
-            if found.any():
-                packed[window] = np.packbits(found, axis=1)
-                count += int(np.count_nonzero(found))
+    for block in _blocks(part, grid, cells, all_placed):
+        found = _burn_block(block, _cells_in(block, cells), all_placed)
+        if found.any():
+            packed[block] = np.packbits(found, axis=1)
+            count += int(np.count_nonzero(found))
     if not packed:
         return Burnt(Window(0, 0, 0, 0), None, touched=len(near) > 0)
     window, mask = _join(packed)
     is_full = count == window.width * window.height
     return Burnt(window, None if is_full else mask, touched=len(near) > 0)
+
+
+def _blocks(
+    part: Window, grid: Grid, cells: Cells, areas: Sequence[Placed], level: int = _LEVELS
+) -> Iterator[Window]:
+    """Yield the blocks of a part of a grid, without large squares that lie outside the areas."""
+    size = _BLOCK * 4**level
+    for row in range(part.row // size * size, part.stop_row, size):
+        for col in range(part.col // size * size, part.stop_col, size):
+            square = Window(col, row, size, size).clip(grid.extent)
+            if level == 0:
+                yield square
+            elif len(_cells_in(square, cells)[0]) or not _is_outside(square, areas):
+                yield from _blocks(square.clip(part), grid, cells, areas, level - 1)
+
+
+def _is_outside(square: Window, areas: Sequence[Placed]) -> bool:
+    """Return whether a square that no side touches lies outside the areas."""
+    rows, cols = (np.unique(np.linspace(0, n - 1, _CHECK).astype(int)) for n in square.shape)
+    row, col = (each.ravel() for each in np.meshgrid(rows, cols, indexing="ij"))
+    pixels = row * square.width + col
+    centres = _centres(square, pixels)
+    # A square where only some pixels have a place in the CRS of an area is looked at closely.
+    is_clear = all(area.is_defined(centres) for area in areas)
+    return is_clear and not _in_all(centres, areas).any()
+
+
+def _cells_in(window: Window, cells: Cells) -> Cells:
+    """Return the rows and columns of the cells in a window; 1, 1 is its first pixel."""
+    rows, cols = cells
+    # The first row and the first column of all cells are just outside the grid.
+    first, stop = np.searchsorted(rows, [window.row, window.stop_row + 2])
+    here = (cols[first:stop] >= window.col) & (cols[first:stop] < window.stop_col + 2)
+    return rows[first:stop][here] - window.row, cols[first:stop][here] - window.col
 
 
 def _reach(placed: Placed) -> Window:
@@ -113,18 +146,12 @@ def _reach(placed: Placed) -> Window:
     return Window(left, top, right - left, bottom - top)
 
 
-def _burn_block(
-    window: Window, cells: tuple[NDArray[np.int64], NDArray[np.int64]], areas: Sequence[Placed]
-) -> Mask:
-    """Return which pixels of a block are in all areas.
-
-    `cells` are rows and columns of pixels near a side; 1, 1 is the first pixel of the block.
-    """
+def _burn_block(window: Window, cells: Cells, areas: Sequence[Placed]) -> Mask:
+    """Return which pixels of a block are in all areas; `cells` are those of `_cells_in`."""
     height, width = window.shape
 
     def inside(pixels: NDArray[np.intp]) -> Mask:
-        found = [area.contains(_centres(window, pixels)) for area in areas]
-        return np.logical_and.reduce(found)  # type: ignore[no-any-return]
+        return _in_all(_centres(window, pixels), areas)
 
     # Where the sides of areas are straight on the grid, there is nothing to check.
     is_straight = all(area.transformer is None for area in areas)
@@ -136,8 +163,7 @@ def _burn_block(
         found = np.full(height * width, inside(np.zeros(1, np.intp))[0])
     else:
         touched = np.zeros((height + 2, width + 2), np.uint8)
-        shown = (cells[0] < height + 2) & (cells[1] < width + 2)
-        touched[cells[0][shown], cells[1][shown]] = 1
+        touched[cells] = 1
         near = cv2.dilate(touched, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
         # Other pixels that share a border, not only a corner, have the same answer.
         far = np.logical_not(near).astype(np.uint8)
@@ -149,6 +175,11 @@ def _burn_block(
     if (inside(checked) != found[checked]).any():
         found = inside(np.arange(height * width))
     return found.reshape(height, width)
+
+
+def _in_all(points: Points, areas: Sequence[Placed]) -> Mask:
+    found: Mask = np.logical_and.reduce([area.contains(points) for area in areas])
+    return found
 
 
 def _centres(window: Window, pixels: NDArray[np.intp]) -> Points:
