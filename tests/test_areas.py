@@ -256,6 +256,8 @@ REFUSED: dict[str, tuple[Any, type, str]] = {
     "UTM as GeoJSON": (shapely.geometry.mapping(SMALL), GeoreferenceError, "raster's coordinates"),
     "unknown SRID": (f"SRID=999999;{SMALL.wkt}", GeoreferenceError, "CRS that PROJ cannot read"),
     "not finite": (shapely.Polygon([(0, 0), (1, np.inf), (1, 0)]), SourceError, "not finite"),
+    "no text": (" ", SourceError, "`mask` is empty"),
+    "table": (gpd.GeoDataFrame({"name": ["a"]}), SourceError, "without geometry; choose it"),
     "a number": (7, SourceError, "is a int: give a file"),
     "Mars": (gpd.GeoSeries([SMALL], crs="ESRI:104905").scale(1e-5, 1e-5, origin=(0, 0)),
              GeoreferenceError, "no transformation"),

@@ -104,6 +104,8 @@ def read_polygons(mask: Any, raster_crs: CRS | None, layer: str | None = None) -
 def is_file(mask: Any) -> bool:
     """Return whether an area is given as the path of a file, and not as text in WKT or GeoJSON."""
     if isinstance(mask, str):
+        if not mask.strip():
+            raise SourceError("`mask` is empty; give a file of polygons")
         return _WKT.fullmatch(mask) is None and not mask.lstrip().startswith("{")
     return isinstance(mask, PathLike)
 
@@ -113,7 +115,13 @@ def _read_object(mask: Any) -> tuple[NDArray[Any], Any]:
     if isinstance(mask, shapely.Geometry):
         return np.array([mask]), None
     if type(mask).__module__.partition(".")[0] == "geopandas":
-        return np.asarray(mask.geometry.array), mask.crs
+        try:
+            return np.asarray(mask.geometry.array), mask.crs
+        except AttributeError as error:
+            raise SourceError(
+                f"the mask is a {type(mask).__name__} without geometry; choose it with "
+                ".set_geometry()"
+            ) from error
     wkt = _WKT.fullmatch(mask) if isinstance(mask, str) else None
     if wkt is not None:
         shape = _parse(shapely.from_wkt, wkt["shape"], "WKT")
@@ -256,7 +264,7 @@ def _clean(shapes: NDArray[Any], name: str) -> tuple[BaseGeometry, tuple[str, ..
     if broken.any():
         reason = shapely.is_valid_reason(parts[dimensions == 2][broken][0])
         notes.append(f"{name}: {_count(int(broken.sum()), 'polygon')} repaired ({reason})")
-    return shapely.union_all(polygons), tuple(notes)
+    return shapely.disjoint_subset_union_all(polygons), tuple(notes)
 
 
 def _parts(shapes: NDArray[Any]) -> NDArray[Any]:
