@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,33 +16,20 @@ from rasterio.vrt import WarpedVRT
 
 import geomesh
 from geomesh.cli.console import spell
-from geomesh.errors import BandError, GeomeshWarning
+from geomesh.errors import BandError
 from geomesh.features.overview import read_overview
 from geomesh.parallel.progress import silent
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import open_scene
 from support.rasters import COLS, NORTH_UP, ROWS, SIZE, picture, write_raster
+from support.reading import notes, read
 from support.samples import fingerprint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from support.commands import Geomesh
-
-
-def read(source: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
-    scene = open_scene(source, **options)
-    with scene.open():
-        return scene.read(scene.grid.extent)
-
-
-def notes(source: Any, **options: Any) -> list[str]:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", GeomeshWarning)
-        geomesh.mesh_raster(source, **options)
-    told = [str(each.message) for each in caught if each.category is GeomeshWarning]
-    return [text for text in told if "keypoints" not in text and "holes" not in text]
 
 
 # --------------------------------------------------------------------------- overviews

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +14,13 @@ from rasterio.enums import ColorInterp
 from rasterio.vrt import WarpedVRT
 
 import geomesh
-from geomesh.errors import BandError, GeomeshWarning, SourceError
+from geomesh.errors import BandError, SourceError
 from geomesh.mesh.provenance import Provenance
 from geomesh.raster.nodata import is_nodata, parse_nodata, stored_range, stored_value
 from geomesh.raster.open import open_scene
 from geomesh.surface.original import open_original
 from support.rasters import COLS, FLOAT32_MIN, NORTH_UP, ROWS, SIZE, UTM, picture, write_raster
+from support.reading import notes, read
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,23 +65,6 @@ def write_mixed(folder: Path, *bands: np.ndarray | str, nodata: Any = ()) -> str
         f"<GeoTransform>{origin}</GeoTransform>{''.join(parts)}</VRTDataset>"
     )
     return str(path)
-
-
-def read(source: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
-    scene = open_scene(source, **options)
-    with scene.open():
-        return scene.read(scene.grid.extent)
-
-
-def notes(source: Any, **options: Any) -> list[str]:
-    """Return the warnings of a mesh. They are also in its provenance."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", GeomeshWarning)
-        mesh = geomesh.mesh_raster(source, **options)
-    told = [str(each.message) for each in caught if each.category is GeomeshWarning]
-    assert mesh.provenance is not None
-    assert list(mesh.provenance.warnings) == told
-    return [text for text in told if "keypoints" not in text]
 
 
 # --------------------------------------------------------------------------- types
