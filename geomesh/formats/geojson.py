@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from geomesh.formats.format import Format, LayerFile, WriteRows
 from geomesh.formats.gdal import write_by_gdal
-from geomesh.raster.gdal import plain_name
+from geomesh.raster.paths import plain_name
 
 if TYPE_CHECKING:
     from pathlib import Path

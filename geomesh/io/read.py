@@ -22,8 +22,8 @@ from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import build_edges
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parameters import LAYERS, LayerName
-from geomesh.raster.gdal import plain_name
 from geomesh.raster.grid import Grid
+from geomesh.raster.paths import plain_name
 
 if TYPE_CHECKING:
     from os import PathLike

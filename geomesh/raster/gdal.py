@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import re
 import threading
 import warnings
 from contextlib import contextmanager, nullcontext
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +16,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from geomesh.errors import SourceError, one_line
 from geomesh.raster.file_set import check_source, explain_failure
+from geomesh.raster.paths import is_remote
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,9 +35,6 @@ _STRICT = {"GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO"}
 _NO_OVERVIEWS = {"GDAL_OVERVIEW_OVERSAMPLING_THRESHOLD": "0"}
 # Without it GDAL drops the datum shift in a GeoTIFF whose datum has a code.
 _STRIP_SHIFT = "OSR_STRIP_TOWGS84"
-
-# Characters that change the meaning of a path for pyogrio.
-_SPECIAL = frozenset("!;\t\n\r")
 
 # One handle on a local file is enough for this many cores; see Handles.borrow.
 _CORES_A_HANDLE = 8
@@ -258,20 +254,3 @@ def opening_error(dataset: rasterio.DatasetReader) -> str | None:
     except GDAL_ERRORS as error:
         return one_line(error)
     return None
-
-
-def plain_name(path: str | PathLike[str]) -> str:
-    """Return a name with which pyogrio opens exactly this file.
-
-    pyogrio parses a path as a URL: some characters have a special meaning or are left out, except
-    in GDAL's virtual file systems. `/vsisubfile/0,` is such a file system: the whole file, from
-    its first byte.
-    """
-    name = os.path.abspath(path)  # noqa: PTH100  (pathlib would not open "zip:mesh.gpkg" either)
-    special = set(name) & _SPECIAL or name.startswith("//")
-    return f"/vsisubfile/0,{name}" if special else name
-
-
-def is_remote(name: str) -> bool:
-    """Return whether a name is a URL or a driver's name (GPKG:file.gpkg:table), not a path."""
-    return re.match(r"/vsi|[A-Za-z0-9_+.-]{2,}:", name) is not None

@@ -18,8 +18,8 @@ from geomesh.raster.gdal import (
     BorrowedDataset,
     close_handles,
     handles,
-    is_remote,
 )
+from geomesh.raster.paths import is_remote
 from geomesh.raster.pixels import Excerpt, Pixels, convert, read_stored
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from pyproj.exceptions import CRSError
 
 from geomesh.errors import GeoreferenceError, SourceError, one_line
 from geomesh.raster.crs import LONLAT, full_turn, has_angles, to_pyproj
-from geomesh.raster.gdal import is_remote, plain_name
+from geomesh.raster.paths import is_remote, plain_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
