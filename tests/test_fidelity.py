@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,13 @@ from rasterio.io import MemoryFile
 from shapely import box
 
 import geomesh
-from geomesh.errors import BandError, EmptyError, GeomeshWarning, GeoreferenceError
+from geomesh.errors import (
+    BandError,
+    EmptyError,
+    GeomeshWarning,
+    GeoreferenceError,
+    MeshFileError,
+)
 from geomesh.mesh.topology import FILL
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.open import open_scene
@@ -299,6 +306,14 @@ def test_an_area_of_interest_is_kept_to(olinda, tmp_path):
             smaller.write(dataset.read(window=window))
             smaller.colorinterp = dataset.colorinterp
     assert mesh.psnr(part).rmse == found.rmse
+
+
+def test_an_area_that_cannot_be_read_is_an_error(olinda):
+    mesh = geomesh.mesh_raster(olinda, mask=box(290_000, 9_114_000, 295_000, 9_119_000), nodes=50)
+    source = replace(mesh.provenance.source, area="POLYGON((0 0, 9 0, 9 9, 0 0))")
+    changed = replace(mesh, provenance=replace(mesh.provenance, source=source))
+    with pytest.raises(MeshFileError, match="make the mesh again"):
+        changed.psnr(olinda)
 
 
 def test_bands_are_those_of_the_mesh_in_their_order_or_as_asked(tmp_path):

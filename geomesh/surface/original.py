@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from geomesh.errors import BandError, GeoreferenceError
+from geomesh.errors import BandError, GeoreferenceError, MeshFileError
 from geomesh.raster.crs import crs_label, horizontal, same_crs
 from geomesh.raster.grid import LATTICE, Grid, Window
 from geomesh.raster.open import Source, open_scene
@@ -80,7 +80,12 @@ def open_original(
         # The area is in pixels of the source of the mesh. In this raster, the part that the
         # mesh covers may have another position.
         col, row = made_from.window[:2]
-        area = PixelMask.from_text(made_from.area).move(window.col - col, window.row - row)
+        try:
+            area = PixelMask.from_text(made_from.area).move(window.col - col, window.row - row)
+        except ValueError as error:
+            raise MeshFileError(
+                "the mesh has an area of interest that cannot be read; make the mesh again"
+            ) from error
     return scene.crop(window, area)
 
 
