@@ -11,6 +11,7 @@ import pytest
 from meshing import ALGORITHM, Listener, open_layer, total_area
 from qgis.core import (
     QgsProcessingContext,
+    QgsProcessingException,
     QgsRasterLayer,
 )
 
@@ -23,15 +24,18 @@ def test_progress_rises_to_the_end(run, olinda):
     assert any(text.startswith("Measuring triangles") for text in feedback.texts)
 
 
-def test_alpha_as_data_with_scale_and_offset(run, olinda, tmp_path):
+def packed(olinda, folder):
+    """Return the path of a raster with an alpha band, scale and offset."""
     from osgeo import gdal
 
-    path = tmp_path / "scene.tif"
+    path = folder / "scene.tif"
     bands = "-b 1 -b 2 -b 3 -b 1 -colorinterp_4 alpha -a_scale 2 -a_offset 1000"
     assert gdal.Translate(str(path), str(olinda), options=bands) is not None
-    with pytest.raises(Exception, match=r'switch on "Use alpha bands as data" .advanced.'):
-        run(path, BANDS=[4])
-    feedback = Listener()
+    return path
+
+
+def test_scale_and_offset(run, olinda, tmp_path):
+    path, feedback = packed(olinda, tmp_path), Listener()
     run(path, feedback=feedback, NODES=50)
     told = 'switch on "Apply scale and offset" (advanced) to apply them'
     assert any(told in warning for warning in feedback.warnings)
@@ -39,6 +43,11 @@ def test_alpha_as_data_with_scale_and_offset(run, olinda, tmp_path):
     triangles = open_layer(made["OUTPUT"])
     (mean,) = (name for name in triangles.fields().names() if name.endswith("_mean"))
     assert min(feature[mean] for feature in triangles.getFeatures()) > 1000
+
+
+def test_alpha_band_is_no_data_unless_it_is_said(run, olinda, tmp_path):
+    with pytest.raises(QgsProcessingException, match='switch on "Use alpha bands as data"'):
+        run(packed(olinda, tmp_path), BANDS=[4])
 
 
 def test_node_budget_spacing_bands_and_recipe(run, olinda):
