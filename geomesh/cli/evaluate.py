@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console, spell
-from geomesh.cli.options import number, numbers, output_options
+from geomesh.cli.options import alpha_option, nodata_option, numbers, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.streams import echo
 from geomesh.errors import EmptyError
-from geomesh.parameters import ALPHA, Alpha
 
 if TYPE_CHECKING:
     from geomesh.evaluate.comparison import Comparison
+    from geomesh.parameters import Alpha
 
 
 @click.command()
@@ -31,20 +31,8 @@ if TYPE_CHECKING:
     metavar="N,N,...",
     help="Bands to use; the first is 1. Default: all except alpha.",
 )
-@click.option(
-    "--nodata",
-    callback=number,
-    metavar="VALUE",
-    help="Nodata value, used instead of the files' own, as stored. nan: there is none.",
-)
-@click.option(
-    "--alpha",
-    type=click.Choice(ALPHA),
-    default="mask",
-    show_default=True,
-    help="mask: bands tagged as alpha, and masks in the file or beside it, hide pixels. data: "
-    "they do not; a band tagged as alpha is an ordinary band.",
-)
+@nodata_option
+@alpha_option
 @click.option(
     "--workers",
     type=click.IntRange(min=1),

@@ -91,6 +91,23 @@ def _until_eof(_ctx: click.Context, _param: click.Parameter, value: bool) -> Non
         watch_stdin()
 
 
+nodata_option = click.option(
+    "--nodata",
+    callback=number,
+    metavar="VALUE",
+    help="Nodata value, used instead of the file's own, as stored. nan: there is none.",
+)
+
+alpha_option = click.option(
+    "--alpha",
+    type=click.Choice(ALPHA),
+    default="mask",
+    show_default=True,
+    help="mask: bands tagged as alpha, and masks in the file or beside it, hide pixels. data: they "
+    "do not; a band tagged as alpha is an ordinary band.",
+)
+
+
 def raster_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options about the raster and about the recipe.
 
@@ -146,20 +163,8 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 "green and blue; the band itself if there is only one; else the first principal "
                 "component.",
             ),
-            click.option(
-                "--nodata",
-                callback=number,
-                metavar="VALUE",
-                help="Nodata value, used instead of the file's own, as stored. nan: there is none.",
-            ),
-            click.option(
-                "--alpha",
-                type=click.Choice(ALPHA),
-                default="mask",
-                show_default=True,
-                help="mask: bands tagged as alpha, and masks in the file or beside it, hide "
-                "pixels. data: they do not; a band tagged as alpha is an ordinary band.",
-            ),
+            nodata_option,
+            alpha_option,
             click.option(
                 "--unscale",
                 is_flag=True,
