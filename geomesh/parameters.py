@@ -15,6 +15,17 @@ ALPHA: tuple[Alpha, ...] = ("mask", "data")
 GRAY_METHODS = ("auto", "luma", "mean", "pca")
 DOMAINS = ("valid", "image", "hull")
 SIFT_SOURCES = ("gray", "edges")
+
+# What a refined mesh shows the raster with, and how long refinement may take.
+Model = Literal["linear", "constant"]
+MODELS: tuple[Model, ...] = ("linear", "constant")
+Effort = Literal["fast", "normal", "best"]
+EFFORTS: tuple[Effort, ...] = ("fast", "normal", "best")
+# Largest value of min_angle, in degrees. Above it, too few changes of a mesh are allowed.
+LARGEST_MIN_ANGLE = 25
+# The node budget of a refined mesh without any other goal.
+DEFAULT_BUDGET = "1%"
+
 STATISTICS = ("mean", "std", "min", "max", "median", "majority", "variety")
 DEFAULT_STATISTICS = STATISTICS[:4]
 # Those that need to know how often each value occurs, and those that make sense for classes.
@@ -68,6 +79,15 @@ _OPTIONAL: Rule = (
     "a number, 0 or more, or null",
 )
 
+
+def _is_limit(value: Any) -> bool:
+    """Return whether a value is None, a positive number, or a tuple of one for each band."""
+    each = value if isinstance(value, tuple) else (value,)
+    return value is None or (len(each) > 0 and all(_is_number(v) and v > 0 for v in each))
+
+
+_LIMIT: Rule = (_is_limit, "a number above 0, or a list of one for each band, or null")
+
 RULES: Mapping[str, Rule] = {
     "preset": _TEXT,
     "gray": (_is_gray, f"one of {', '.join(GRAY_METHODS)} or band:N"),
@@ -102,6 +122,16 @@ RULES: Mapping[str, Rule] = {
         "a number above 0, or null",
     ),
     "min_hole": (lambda value: _is_whole(value) and value >= 0, "a whole number, 0 or more"),
+    "refine": _FLAG,
+    "max_error": _LIMIT,
+    "rmse": _LIMIT,
+    "min_angle": (
+        lambda value: _is_number(value) and 0 <= value <= LARGEST_MIN_ANGLE,
+        f"a number of degrees from 0 to {LARGEST_MIN_ANGLE}",
+    ),
+    "model": _one_of(MODELS),
+    "effort": _one_of(EFFORTS),
+    "keep_features": _FLAG,
     "statistics": (
         lambda value: isinstance(value, tuple) and all(name in STATISTICS for name in value),
         f"some of {', '.join(STATISTICS)}",

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from geomesh.errors import RecipeError
-from geomesh.parameters import DEFAULT_STATISTICS, RULES
+from geomesh.parameters import DEFAULT_BUDGET, DEFAULT_STATISTICS, RULES
 
 # Up to this octave, a tile with a halo of 64 pixels gives the keypoints of the whole image.
 LOCAL_OCTAVE = 2
@@ -21,7 +21,10 @@ LOCAL_OCTAVE = 2
 LOCAL_BLUR = 1.6 * 2 ** (2 / 3)
 
 # Parameters that are lists in JSON.
-_TUPLES = ("stretch", "resize", "statistics")
+_TUPLES = ("stretch", "resize", "statistics", "max_error", "rmse")
+
+# Parameters that only refinement uses, and that have no effect without it.
+_OF_REFINEMENT = ("max_error", "rmse", "min_angle", "model", "effort", "keep_features")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +80,8 @@ class Recipe:
     nodes : int, str or None
         Node budget: a number, or a percentage of the valid pixels such as "1%".
         The strongest features are kept, spread evenly over the image. None: all.
+        With `refine`: the number of nodes that the mesh gets. None: "1%", or as many as
+        `max_error` or `rmse` needs; together with one of these, `nodes` is a limit.
     domain : {"valid", "image", "hull"}
         Area of the mesh: the valid data, the whole frame, or the convex hull of the
         keypoints.
@@ -88,6 +93,22 @@ class Recipe:
     min_hole : int
         Holes of nodata with fewer pixels are filled, and islands of data with fewer
         pixels are dropped.
+    refine : bool
+        Refine the mesh, so that it shows the raster as well as its nodes can.
+    max_error : float, tuple of float, or None
+        Goal of the refinement: no valid pixel is farther than this from the surface, in the
+        raster's units. One number for all bands, or one for each.
+    rmse : float, tuple of float, or None
+        Goal of the refinement: the root mean square error of each band is at most this.
+    min_angle : float
+        Smallest angle that refinement may make, in degrees.
+    model : {"linear", "constant"}
+        What refinement optimises: a surface that is linear in each triangle, with values at
+        the nodes; or one value for each triangle, which is its mean.
+    effort : {"fast", "normal", "best"}
+        How much time refinement takes for a better mesh.
+    keep_features : bool
+        Refinement does not move or remove the feature nodes.
     statistics : tuple of {"mean", "std", "min", "max", "median", "majority", "variety"}
         What to compute for each triangle and each band: also the median, the most frequent
         value, and the number of distinct values. For the classes of a palette only the last
@@ -116,6 +137,13 @@ class Recipe:
     domain: str = "valid"
     border_spacing: float | None = None
     min_hole: int = 64
+    refine: bool = False
+    max_error: float | tuple[float, ...] | None = None
+    rmse: float | tuple[float, ...] | None = None
+    min_angle: float = 10.0
+    model: str = "linear"
+    effort: str = "normal"
+    keep_features: bool = False
     statistics: tuple[str, ...] = DEFAULT_STATISTICS
 
     def __post_init__(self) -> None:
@@ -136,13 +164,40 @@ class Recipe:
                 "sift_max_octave is -1, the doubled image, but sift_upsample is false: expected 0 "
                 "or more"
             )
+        self._require_one_goal()
         self.node_budget(1)
+
+    def _require_one_goal(self) -> None:
+        if self.max_error is not None and self.rmse is not None:
+            raise RecipeError(
+                f"max_error is {self.max_error!r} and rmse is {self.rmse!r}: give one of the two"
+            )
+        defaults = {field.name: field.default for field in fields(self)}
+        for name in _OF_REFINEMENT:
+            value = getattr(self, name)
+            if not self.refine and value != defaults[name]:
+                raise RecipeError(
+                    f"{name} is {value!r}, but the preset {self.preset} is not refined: use the "
+                    "preset adaptive"
+                )
+        if self.refine and (self.resize is not None or self.domain == "hull"):
+            raise RecipeError(
+                "refine is true: expected domain valid or image, and no resize, because a refined "
+                "mesh covers the pixels of the raster"
+            )
+
+    @property
+    def budget(self) -> int | str | None:
+        """The node budget in force: `nodes`, or 1 % if refinement has no other goal."""
+        if self.refine and self.nodes is None and self.max_error is None and self.rmse is None:
+            return DEFAULT_BUDGET
+        return self.nodes
 
     def node_budget(self, pixels: int) -> int | None:
         """Return the node budget for an image with `pixels` valid pixels; None: no limit."""
-        if self.nodes is None:
+        if self.budget is None:
             return None
-        text = str(self.nodes).strip()
+        text = str(self.budget).strip()
         percent = text.endswith("%")
         try:
             number = float(text.removesuffix("%")) if percent else int(text)
@@ -233,4 +288,5 @@ PRESETS: Mapping[str, Recipe] = {
         domain="hull",
     ),
     "features": Recipe(),
+    "adaptive": Recipe(preset="adaptive", refine=True),
 }

@@ -13,7 +13,7 @@ import click
 
 from geomesh.errors import BandError, RecipeError
 from geomesh.formats.registry import DRIVERS
-from geomesh.parameters import ALPHA, DOMAINS, LAYERS
+from geomesh.parameters import ALPHA, DOMAINS, EFFORTS, LAYERS, MODELS
 from geomesh.recipe import PRESETS, Recipe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -22,8 +22,8 @@ _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "pres
 
 _READING = ("bidx", "nodata", "alpha", "unscale", "crs", "bounds", "mask", "mask_layer", "name")
 _RECIPE = (
-    *("preset", "recipe_file", "nodes", "gray", "sift_upsample", "domain", "statistics"),
-    "settings",
+    *("preset", "recipe_file", "nodes", "max_error", "rmse", "min_angle", "model", "effort"),
+    *("keep_features", "gray", "sift_upsample", "domain", "statistics", "settings"),
 )
 
 
@@ -52,6 +52,17 @@ def number(_ctx: click.Context, _param: click.Parameter, value: str | None) -> A
 def _budget(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
     """Parse a whole number. Return any other text unchanged: the recipe checks it."""
     return int(value) if value is not None and value.isdecimal() else value
+
+
+def _limits(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
+    """Parse one number, or one number for each band."""
+    if value is None:
+        return None
+    try:
+        limits = tuple(float(part) for part in value.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{value!r}: give a number such as 2.5, or 5,5,8") from error
+    return limits if len(limits) > 1 else limits[0]
 
 
 def words(choices: tuple[str, ...]) -> Callable[..., Any]:
@@ -132,7 +143,8 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 type=click.Choice(list(PRESETS)),
                 default="features",
                 show_default=True,
-                help="features: nodes at the raster's own resolution, over the valid area. "
+                help="adaptive: the nodes that show the raster best, over the valid area. "
+                "features: nodes at the features of the image. "
                 "paper: exactly the published system, at 256 x 256 pixels.",
             ),
             click.option(
@@ -146,7 +158,44 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
                 "--nodes",
                 callback=_budget,
                 metavar="N|P%",
-                help="Node budget: a number, or a percentage of the valid pixels, such as 1%.",
+                help="Node budget: a number, or a percentage of the valid pixels, such as 1%. "
+                "Default of adaptive: 1%.",
+            ),
+            click.option(
+                "--max-error",
+                callback=_limits,
+                metavar="E[,E...]",
+                help="Goal of adaptive: no valid pixel is farther than E from the surface, in the "
+                "raster's units. One E for all bands, or one for each.",
+            ),
+            click.option(
+                "--rmse",
+                callback=_limits,
+                metavar="R[,R...]",
+                help="Goal of adaptive: a root mean square error of at most R.",
+            ),
+            click.option(
+                "--min-angle",
+                type=float,
+                metavar="DEGREES",
+                help="Smallest angle of adaptive meshes, 0 to 25. Default: 10.",
+            ),
+            click.option(
+                "--model",
+                type=click.Choice(MODELS),
+                help="What adaptive shows the raster with: a linear surface with values at the "
+                "nodes (the default), or one value for each triangle.",
+            ),
+            click.option(
+                "--effort",
+                type=click.Choice(EFFORTS),
+                help="Time that adaptive takes for a better mesh. Default: normal.",
+            ),
+            click.option(
+                "--keep-features",
+                is_flag=True,
+                default=None,
+                help="adaptive does not move the nodes at features.",
             ),
             click.option(
                 "-b",

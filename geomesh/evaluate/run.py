@@ -19,10 +19,11 @@ from geomesh.evaluate.planes import PLANES, Plane, PlaneMesh
 from geomesh.mesh.quality import ki, measure
 from geomesh.parallel.progress import Progress, reporting, silent
 from geomesh.parallel.workers import Workers, open_workers
+from geomesh.parameters import MODELS, Model
 from geomesh.raster.open import open_scene
 from geomesh.surface.fidelity import compare
 from geomesh.surface.fit import fit_surface
-from geomesh.surface.paint import FITS, MODELS, Fit, Model
+from geomesh.surface.paint import FITS, Fit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

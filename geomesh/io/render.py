@@ -24,12 +24,13 @@ from geomesh.io.geotiff import (
 from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
 from geomesh.parallel.workers import Workers, open_workers
+from geomesh.parameters import Model
 from geomesh.raster.grid import Window
 from geomesh.raster.open import Source, open_scene
 from geomesh.surface.fidelity import ErrorSums, Fidelity, sum_errors, summarise
 from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
 from geomesh.surface.original import open_original
-from geomesh.surface.paint import Fit, Model, to_pixels
+from geomesh.surface.paint import Fit, to_pixels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

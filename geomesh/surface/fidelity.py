@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Floats
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import Alpha
+    from geomesh.parameters import Alpha, Model
     from geomesh.raster.open import Source
     from geomesh.raster.scene import Scene
-    from geomesh.surface.paint import Fit, Model
+    from geomesh.surface.paint import Fit
 
 
 @dataclass(frozen=True)

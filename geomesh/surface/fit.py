@@ -10,9 +10,10 @@ import numpy as np
 
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
+from geomesh.parameters import Model
 from geomesh.raster.scene import Scene
 from geomesh.surface.least_squares import NormalEquations, complete, normal_equations, solve
-from geomesh.surface.paint import Fit, Model, check, reconstruct
+from geomesh.surface.paint import Fit, check, reconstruct
 from geomesh.zonal.statistics import measure_scene
 from geomesh.zonal.tile_mesh import TileMesh, split_by_tiles
 from geomesh.zonal.tile_statistics import sample

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from geomesh.arrays.jit import contiguous
+from geomesh.parameters import MODELS, Model
 from geomesh.raster.nodata import is_nodata, stored_range
 from geomesh.surface.kernels import paint_linear
 from geomesh.zonal.owners import find_owners
@@ -27,9 +28,7 @@ if TYPE_CHECKING:
     from geomesh.raster.grid import Window
     from geomesh.raster.nodata import Number
 
-Model = Literal["linear", "constant"]
 Fit = Literal["least_squares", "sampled"]
-MODELS: tuple[Model, ...] = ("linear", "constant")
 FITS: tuple[Fit, ...] = ("least_squares", "sampled")
 
 
