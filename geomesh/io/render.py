@@ -24,7 +24,6 @@ from geomesh.io.geotiff import (
 from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
 from geomesh.parallel.workers import Workers, open_workers
-from geomesh.parameters import Model
 from geomesh.raster.grid import Window
 from geomesh.raster.open import Source, open_scene
 from geomesh.surface.fidelity import ErrorSums, Fidelity, sum_errors, summarise
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import Alpha
+    from geomesh.parameters import Alpha, Model
     from geomesh.raster.scene import Scene
 
 Sums = tuple[int, int]

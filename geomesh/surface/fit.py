@@ -10,7 +10,6 @@ import numpy as np
 
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import Tile, map_tiles, plan_tiles
-from geomesh.parameters import Model
 from geomesh.raster.scene import Scene
 from geomesh.surface.least_squares import NormalEquations, complete, normal_equations, solve
 from geomesh.surface.paint import Fit, check, reconstruct
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Floats, Points, Triangles
     from geomesh.parallel.workers import Workers
+    from geomesh.parameters import Model
     from geomesh.raster.grid import Window
 
 Result = TypeVar("Result")
