@@ -29,6 +29,10 @@ int32, int64, float64, void = types.int32, types.int64, types.float64, types.voi
 # Division follows IEEE 754, as in numpy. A test for zero would slow down the loops.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 
+# Wrappers that nobody calls would take a fifth of the time of compiling.
+_FROM_PYTHON: dict[str, Any] = {"no_cfunc_wrapper": True}
+_INSIDE: dict[str, Any] = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+
 _lock = threading.RLock()
 _kernels: list[Kernel] = []
 
@@ -41,6 +45,14 @@ def reads(dtype: Any, dimensions: int) -> types.Array:
 def writes(dtype: Any, dimensions: int) -> types.Array:
     """Return the type of a contiguous array that a kernel writes."""
     return types.Array(dtype, dimensions, "C")
+
+
+def named(kind: type, *fields: Any) -> Any:
+    """Return the type of a NamedTuple whose fields have the given types."""
+    typed: Any = types
+    if len(set(fields)) == 1:  # numba has a type of its own for these
+        return typed.NamedUniTuple(fields[0], len(fields), kind)
+    return typed.NamedTuple(fields, kind)
 
 
 class Kernel:
@@ -56,7 +68,7 @@ class Kernel:
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self._signature = signature
-        self._dispatcher: Any = numba.njit(**_OPTIONS)(function)
+        self._dispatcher: Any = numba.njit(**_OPTIONS, **_FROM_PYTHON)(function)
         # numba has no public way to set a cache.
         self._dispatcher._cache = self._cache = open_cache(function, signature)  # noqa: SLF001
         self._is_ready = False
@@ -96,7 +108,7 @@ def kernel(signature: Any) -> Callable[[Function], Function]:
 
 def inner(function: Function) -> Function:
     """Compile a function that only kernels call. It becomes part of each of them."""
-    compiled: Function = numba.njit(**_OPTIONS)(function)
+    compiled: Function = numba.njit(**_OPTIONS, **_INSIDE)(function)
     return compiled
 
 

@@ -1,0 +1,1 @@
+"""Adaptive refinement: move, add and remove the nodes of a mesh until it reaches a goal."""

@@ -1,0 +1,212 @@
+"""Block: refine one part of a mesh in place, by the least squares of its pixels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geomesh.refine.flip_edges import flip_edges
+from geomesh.refine.insert import insert_where_worst
+from geomesh.refine.moments import (
+    LINEAR,
+    OF_BAND,
+    OF_PIXELS,
+    Image,
+    Surface,
+    measure_all,
+    new_room,
+)
+from geomesh.refine.move import move_nodes
+from geomesh.refine.parts import Part
+from geomesh.refine.patch import OTHER_PATCH, SHARED, Patch, new_star, room_for
+from geomesh.refine.remove import NEVER, cost_of_removal, remove_cheapest
+from geomesh.refine.shift import shift_nodes
+from geomesh.refine.split import new_log
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Squared error that a flip must save, so that equal diagonals are not flipped to and fro.
+_GAIN = 0.5
+
+# Batches of one growth are tried again while triangles refuse nodes.
+_TRIES = 4
+
+
+class Block:
+    """A part of a mesh with its image, refined in place.
+
+    Parameters
+    ----------
+    part : Part
+        The triangles, with values in the image's units at the nodes.
+    image : Image
+    floor : float
+        `sharpness` below which no triangle may fall.
+    model : int
+        `LINEAR` or `CONSTANT`.
+    """
+
+    def __init__(self, part: Part, image: Image, floor: float, model: int = LINEAR) -> None:
+        self.image, self.floor, self.model = image, floor, model
+        self._stars, self._log = (new_star(), new_star()), new_log()
+        self._room = new_room(part.values.shape[1])
+        self._load(part, 64)
+
+    def _load(self, part: Part, room: int) -> None:
+        nodes, triangles = len(part.points), len(part.triangles)
+        n, m = nodes + room, triangles + 4 * room + 64
+        bands = part.values.shape[1]
+        at = np.full(n, -1, np.int64)
+        at[part.triangles.ravel()] = np.repeat(np.arange(triangles), 3)
+        self.patch = Patch(
+            _grown(part.points, n),
+            _grown(part.triangles.astype(np.int64), m),
+            _grown(part.across.astype(np.int64), m),
+            _grown(part.hard, m),
+            at,
+            _grown(np.ones(triangles, np.bool_), m),
+            _grown(part.held, n),
+            np.array([nodes, triangles], np.int64),
+        )
+        width = OF_PIXELS + OF_BAND * bands
+        self.surface = Surface(
+            _grown(part.values, n), np.zeros((3 * m, width)), np.zeros((m, width)), np.zeros(m)
+        )
+        self.ids = _grown(part.ids, n)
+        self.ids[nodes:] = -1
+        measure_all(self.patch, self.surface, self.image, self.model)
+
+    def part(self) -> Part:
+        """Return the refined part, without unused nodes; shared nodes stay first, in order."""
+        patch = self.patch
+        nodes, rows = patch.size.tolist()
+        alive = np.flatnonzero(patch.alive[:rows])
+        place = np.full(rows + 2, OTHER_PATCH, np.int32)
+        place[-1] = -1
+        place[alive] = np.arange(len(alive), dtype=np.int32)
+        across = patch.across[alive]
+        used = np.flatnonzero((patch.at[:nodes] >= 0) | (patch.held[:nodes] >= SHARED))
+        number = np.full(nodes, -1, np.int32)
+        number[used] = np.arange(len(used), dtype=np.int32)
+        return Part(
+            ids=self.ids[used],
+            points=patch.points[used],
+            values=self.surface.values[used],
+            held=patch.held[used],
+            triangles=number[patch.triangles[alive]],
+            across=np.where(across >= 0, place[across], across).astype(np.int32),
+            hard=patch.hard[alive],
+        )
+
+    @property
+    def own(self) -> int:
+        """Number of nodes that only this part has."""
+        nodes = self.patch.size[0]
+        used = self.patch.at[:nodes] >= 0
+        return int(np.count_nonzero(used & (self.patch.held[:nodes] < SHARED)))
+
+    @property
+    def error(self) -> float:
+        """Sum of the squared errors."""
+        return float(np.maximum(self.surface.errors[: self.patch.size[1]], 0).sum())
+
+    def relax(self, times: int, *, moving: bool = True) -> None:
+        """Improve the values of the nodes, and their positions if `moving`, several times."""
+        patch, surface, image, star = self.patch, self.surface, self.image, self._stars[0]
+        for turn in range(times):
+            backwards = turn % 2 == 1
+            if self.model == LINEAR:
+                move_nodes(patch, surface, image, star, self._room, moving, self.floor, backwards)
+            elif moving:
+                shift_nodes(patch, surface, image, star, self._room, self.floor, backwards)
+
+    def flip(self, passes: int = 3) -> None:
+        """Flip edges where that lowers the error."""
+        changed = np.zeros(self.patch.size[1], np.int64)
+        flip_edges(
+            *(self.patch, self.surface, self.image, self._room, changed),
+            *(self.floor, _GAIN, passes, self.model),
+        )
+
+    def grow(self, target: int, batches: int) -> None:
+        """Insert nodes until the block has `target` nodes of its own, in a few batches."""
+        steps = np.geomspace(max(self.own, 4), max(target, 4), batches + 1)[1:]
+        for wanted in np.rint(steps).astype(int).tolist():
+            for _ in range(_TRIES):
+                missing = wanted - self.own
+                if missing <= 0 or self._insert(missing) == 0:
+                    break
+                self.relax(1, moving=False)
+                self.flip(2)
+                self.relax(1)
+
+    def _insert(self, wanted: int) -> int:
+        if not room_for(self.patch, wanted):
+            self._load(self.part(), 2 * wanted)
+        rows = self.patch.size[1]
+        order = np.argsort(-self.surface.errors[:rows], kind="stable")
+        touched = np.zeros(len(self.patch.triangles), np.bool_)
+        return insert_where_worst(
+            self.patch,
+            self.surface,
+            self.image,
+            self._log,
+            order,
+            touched,
+            self.floor,
+            wanted,
+            self.model,
+        )
+
+    def shrink(self, wanted: int) -> int:
+        """Remove up to `wanted` nodes that are needed least; return how many."""
+        nodes = self.patch.size[0]
+        costs = np.empty(nodes)
+        cost_of_removal(
+            self.patch,
+            self.surface,
+            self.image,
+            *self._stars,
+            self._room,
+            self.floor,
+            self.model,
+            costs,
+        )
+        order = np.argsort(costs, kind="stable")
+        order = order[costs[order] < NEVER]
+        locked = np.zeros(nodes, np.bool_)
+        return remove_cheapest(
+            self.patch,
+            self.surface,
+            self.image,
+            *self._stars,
+            self._room,
+            order,
+            locked,
+            self.floor,
+            wanted,
+            self.model,
+        )
+
+    def replace(self, share: float, target: int) -> None:
+        """Remove a share of the nodes, those needed least, and insert others elsewhere."""
+        self.relax(2)
+        self.flip()
+        self.shrink(int(share * target))
+        self.grow(target, 2)
+
+    def finish(self, times: int) -> None:
+        """Move nodes and flip edges a few more times, and then improve the values."""
+        for _ in range(times):
+            self.relax(2)
+            self.flip()
+        self.relax(3, moving=False)
+
+
+def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:
+    """Return a copy of an array with more rows, which are zero."""
+    grown = np.zeros((rows, *array.shape[1:]), array.dtype)
+    grown[: len(array)] = array
+    return grown
