@@ -163,9 +163,7 @@ def summarise(scene: Scene, parts: Iterable[ErrorSums]) -> Fidelity:
             "use the raster from which the mesh was made"
         )
     rmse = errors.norm / math.sqrt(errors.pixels)
-    peak = errors.high - errors.low
-    if scene.dtype == np.uint8:
-        peak = np.full(len(rmse), 255.0)
+    peak = find_peak(scene.dtype, errors.low, errors.high)
     # A band with only one value has no range; then it usually has no error either.
     share = np.divide(rmse, peak, out=rmse.copy(), where=peak > 0)
     return Fidelity(
@@ -219,6 +217,11 @@ def sum_errors(image: NDArray[Any], bands: NDArray[Any], valid: NDArray[np.bool_
             norm[band] = largest * np.sqrt(np.square(errors / largest).sum())
         low[band], high[band] = pixels.min(initial=np.inf), pixels.max(initial=-np.inf)
     return ErrorSums(int(known.sum()), norm, low, high)
+
+
+def find_peak(dtype: np.dtype[Any], low: Floats, high: Floats) -> Floats:
+    """Return the reference value of PSNR for each band: 255 for uint8, else its range."""
+    return np.full(len(low), 255.0) if dtype == np.uint8 else high - low
 
 
 def psnr(rmse: ArrayLike, peak: ArrayLike) -> Floats:
