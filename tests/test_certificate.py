@@ -44,6 +44,7 @@ class Case(NamedTuple):
     plane_scale: tuple[float, float] = (1.0, 1.0)
     counter_clockwise: bool = True
     pixels: PixelCounts | None = PixelCounts(SIDE * SIDE, SIDE * SIDE)
+    delaunay: bool = True
 
     def certify(self) -> Certificate:
         return certify(
@@ -54,6 +55,7 @@ class Case(NamedTuple):
             counter_clockwise=self.counter_clockwise,
             domain=self.domain,
             pixels=self.pixels,
+            delaunay=self.delaunay,
         )
 
 
@@ -491,6 +493,21 @@ def test_every_convex_flip_of_a_mesh_in_general_position_is_found(good: Case) ->
     assert len(flips) > 50
     for mesh in flips:
         assert failed(good._replace(triangles=mesh)) == {DELAUNAY}
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+@pytest.mark.parametrize(
+    ("broken", "must", "may"), BROKEN, ids=[case[0].__name__ for case in BROKEN]
+)
+def test_a_mesh_that_need_not_be_delaunay_has_all_other_checks(
+    broken, must: set, may: set, good: Case
+) -> None:
+    case = broken(good)
+    assert failed(case._replace(delaunay=False)) == failed(case) - {DELAUNAY}
+    names = {check.name for check in case.certify().checks}
+    others = {check.name for check in case._replace(delaunay=False).certify().checks}
+    assert {name for name in names if DELAUNAY in name} == names - others
+    assert others < names
 
 
 def test_a_hull_need_not_be_constrained_but_must_be_covered(good: Case) -> None:

@@ -63,6 +63,22 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Fact:
+    """A figure of a mesh that is reported and not a condition: no value of it is wrong.
+
+    Parameters
+    ----------
+    name : str
+        What the figure is about.
+    detail : str
+        The figure.
+    """
+
+    name: str
+    detail: str
+
+
+@dataclass(frozen=True)
 class Certificate:
     """The results of all checks of a mesh.
 
@@ -72,10 +88,13 @@ class Certificate:
     min_angle : float
         Smallest angle of all triangles, in degrees, in the plane of the image that the
         pipeline worked on; NaN if there are no triangles.
+    facts : tuple of Fact
+        What a refined mesh reaches. Other meshes have none.
     """
 
     checks: tuple[Check, ...]
     min_angle: float
+    facts: tuple[Fact, ...] = ()
 
     def __repr__(self) -> str:
         held = sum(check.passed for check in self.checks)
@@ -101,4 +120,5 @@ class Certificate:
             "passed": self.passed,
             "min_angle_degrees": plain_json(self.min_angle),
             "checks": [asdict(check) for check in self.checks],
+            **({"facts": [asdict(fact) for fact in self.facts]} if self.facts else {}),
         }

@@ -40,6 +40,7 @@ def certify(
     domain: DomainFacts,
     pixels: PixelCounts | None = None,
     edges: Edges | None = None,
+    delaunay: bool = True,
 ) -> Certificate:
     """Check a triangulation and return its certificate.
 
@@ -59,12 +60,13 @@ def certify(
         What the band statistics counted; None for a mesh without a raster.
     edges : Edges, optional
         The edges of the triangles, if they are known.
+    delaunay : bool
+        False for a refined mesh, whose edges follow the image.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:
-        return Certificate(
-            (Check("all nodes exist", False, f"{missing} corners do not"),), math.nan
-        )
+        check = Check("all nodes exist", False, f"{missing} corners do not")
+        return Certificate((check,), math.nan)
     nodes, triangles = contiguous(nodes, np.float64), contiguous(triangles, np.int32)
     edges = build_edges(triangles) if edges is None else edges
     plane = nodes * plane_scale
@@ -81,7 +83,7 @@ def certify(
         _check_boundary(edges, constraints, fixed, domain),
         _check_euler(used, len(triangles), edges, domain),
         _check_angles(angle_sums, edges, domain),
-        _check_delaunay(plane, triangles, edges, fixed),
+        *([_check_delaunay(plane, triangles, edges, fixed)] if delaunay else []),
         _check_pixels(pixels, domain),
     ]
     return Certificate(tuple(checks), float(np.degrees(least)))
@@ -90,10 +92,10 @@ def certify(
 def _check_nodes(nodes: NDArray[np.float64], used: NDArray[np.bool_], triangle_count: int) -> Check:
     unused = len(nodes) - int(np.count_nonzero(used))
     duplicates = _count_duplicates(nodes)
-    finite = bool(np.isfinite(nodes).all())
+    is_used = unused == 0 and triangle_count > 0
     return Check(
         "nodes are finite, distinct and used",
-        finite and unused == 0 and duplicates == 0 and triangle_count > 0,
+        bool(np.isfinite(nodes).all()) and duplicates == 0 and is_used,
         f"{len(nodes)} nodes, {duplicates} duplicate, {unused} unused",
     )
 
@@ -248,14 +250,12 @@ def _check_pixels(pixels: PixelCounts | None, domain: DomainFacts) -> Check:
     name = "each pixel of the domain lies in one triangle, none outside it"
     if pixels is None:
         return Check(name, True, "not checked: the mesh was made without a raster")
-    covered, counted = pixels.covered, pixels.counted
+    covered, counted, holds = pixels.covered, pixels.counted, True
     if domain.kind == "valid":
         holds = covered == domain.pixels == domain.valid_pixels - domain.pixels_dropped
         holds &= counted == domain.valid_pixels or domain.islands_dropped > 0
     elif domain.kind == "image":
         holds = covered == domain.pixels and counted == domain.valid_pixels
-    else:
-        holds = True
     return Check(
         name,
         holds and counted <= min(covered, domain.valid_pixels),
@@ -267,8 +267,7 @@ def _check_pixels(pixels: PixelCounts | None, domain: DomainFacts) -> Check:
 
 def _check_angles(angle_sums: NDArray[np.float64], edges: Edges, domain: DomainFacts) -> Check:
     """Check that angles sum to 360 degrees at inner nodes, at most 180 on a hull's boundary."""
-    border = np.zeros(len(angle_sums), np.bool_)
-    border[edges.nodes[edges.uses == 1]] = True
+    border = np.bincount(edges.nodes[edges.uses == 1].ravel(), minlength=len(angle_sums)) > 0
     inner = ~border & (angle_sums > 0)
     limit = np.where(border & (domain.kind == "hull"), np.pi, 2 * np.pi)
     bad = ~(angle_sums <= limit + _ANGLE_TOLERANCE)

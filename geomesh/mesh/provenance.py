@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from geomesh.mesh.refinement import Refinement
 from geomesh.raster.nodata import parse_nodata
 from geomesh.recipe import Recipe
 
@@ -94,6 +95,8 @@ class Provenance:
         The warnings that the user got.
     versions : mapping of str to str
         Versions of geomesh and of the libraries that can change a result.
+    refinement : Refinement, optional
+        The goal of the refinement, and what the mesh reaches; None if it was not refined.
     """
 
     recipe: Recipe
@@ -102,6 +105,7 @@ class Provenance:
     canny: CannyThresholds
     warnings: tuple[str, ...]
     versions: Mapping[str, str]
+    refinement: Refinement | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "versions", dict(self.versions))
@@ -109,6 +113,7 @@ class Provenance:
     def to_dict(self) -> dict[str, Any]:
         """Return the provenance as plain JSON values."""
         source, nodata = asdict(self.source), self.source.nodata
+        refined = {} if self.refinement is None else {"refinement": self.refinement.to_dict()}
         return {
             "recipe": self.recipe.to_dict(),
             "source": {
@@ -122,6 +127,7 @@ class Provenance:
             "canny": asdict(self.canny),
             "warnings": list(self.warnings),
             "versions": dict(self.versions),
+            **refined,
         }
 
     @classmethod
@@ -135,6 +141,8 @@ class Provenance:
         """
         source = values["source"]
         nodata = source["nodata"]
+        # Only refined meshes have this.
+        refinement = values.get("refinement")
         return cls(
             recipe=Recipe.from_dict(values["recipe"]),
             source=SourceRaster(
@@ -151,4 +159,5 @@ class Provenance:
             canny=CannyThresholds(**values["canny"]),
             warnings=tuple(values["warnings"]),
             versions=dict(values["versions"]),
+            refinement=None if refinement is None else Refinement.from_dict(refinement),
         )

@@ -13,6 +13,7 @@ import shapely
 
 from geomesh.arrays.table import Table, read_only
 from geomesh.mesh.certify import certify
+from geomesh.mesh.certify_refined import with_refinement
 from geomesh.mesh.quality import Quality, measure, measure_each
 from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
 from geomesh.parameters import LAYERS, LayerName
@@ -143,9 +144,13 @@ class TriangleMesh:
         return replace(self, triangle_table=self.triangle_table.with_columns(added))
 
     def certify(self) -> Certificate:
-        """Check the mesh and return its certificate (see `geomesh.mesh.certify`)."""
+        """Check the mesh and return its certificate (see `geomesh.mesh.certify`).
+
+        A refined mesh has more checks (see `geomesh.mesh.certify_refined`).
+        """
         pixels = None if self.provenance is None else self.provenance.pixels
-        return certify(
+        refinement = None if self.provenance is None else self.provenance.refinement
+        certificate = certify(
             self.nodes,
             self.triangles,
             constraints=self.constraints,
@@ -154,7 +159,30 @@ class TriangleMesh:
             domain=self.domain,
             pixels=pixels,
             edges=self.edges if self.triangles.min(initial=0) >= 0 else None,
+            delaunay=refinement is None,
         )
+        if refinement is None or math.isnan(certificate.min_angle):
+            return certificate
+        return with_refinement(
+            certificate,
+            refinement,
+            nodes=self.nodes,
+            triangles=self.triangles,
+            plane_nodes=self.plane_nodes,
+            held=self._held_nodes(),
+            node_table=self.node_table,
+            triangle_table=self.triangle_table,
+        )
+
+    def _held_nodes(self) -> NDArray[np.bool_]:
+        """Return which nodes (N,) refinement cannot move or remove as it likes."""
+        held = np.zeros(len(self.nodes), np.bool_)
+        held[self.constraints] = True
+        held[self.edges.nodes[self.edges.uses == 1]] = True
+        keeps = self.provenance is not None and self.provenance.recipe.keep_features
+        if keeps and "kind" in self.node_table:
+            held |= self.node_table["kind"] == "feature"
+        return held
 
     def attributes(self, layer: LayerName) -> Table:
         """Return the columns of a layer, in the order in which files have them.

@@ -78,7 +78,7 @@ def _facts(mesh: TriangleMesh) -> Iterator[tuple[str, str]]:
 
 
 def _checks(certificate: Certificate) -> str:
-    """Return HTML with the number of passed checks; it expands to a list of all checks.
+    """Return HTML with the number of passed checks; it expands to all checks and facts.
 
     If a check failed, the list is open from the start.
     """
@@ -87,6 +87,9 @@ def _checks(certificate: Certificate) -> str:
         f"<div>{'✓' if check.passed else '✗'} {escape(check.name)} "
         f'<span style="opacity:.65">({escape(check.detail)})</span></div>'
         for check in certificate.checks
+    ) + "".join(
+        f'<div>{escape(fact.name)}: <span style="opacity:.65">{escape(fact.detail)}</span></div>'
+        for fact in certificate.facts
     )
     mark = "✓" if certificate.passed else "✗"
     opened = "" if certificate.passed else ' open=""'

@@ -58,8 +58,9 @@ def _as_text(document: dict) -> str:
         "",
         "Certificate",
         *(
-            f"{check['name']}: {check['detail']}"
-            for check in document.get("certificate", {}).get("checks", [])
+            f"{each['name']}: {each['detail']}"
+            for part in ("checks", "facts")
+            for each in document.get("certificate", {}).get(part, [])
         ),
     ]
     return escape("\n".join(lines), quote=False)
