@@ -42,17 +42,15 @@ def _creation(_ctx: click.Context, _param: click.Parameter, value: tuple[str, ..
 @click.option(
     "--model",
     type=click.Choice(["linear", "constant"]),
-    default="linear",
-    show_default=True,
-    help="Linear between the nodes of each triangle, or one value per triangle.",
+    help="Linear between the nodes of each triangle, or one value per triangle. Default: as the "
+    "mesh was refined, else linear.",
 )
 @click.option(
     "--fit",
-    type=click.Choice(["least-squares", "sampled"]),
-    default="least-squares",
-    show_default=True,
-    help="Choose the values with the smallest squared error of the pixels, or take them from the "
-    "raster at the nodes and centroids.",
+    type=click.Choice(["least-squares", "sampled", "stored"]),
+    help="Choose the values with the smallest squared error of the pixels, take them from the "
+    "raster at the nodes and centroids, or show those that MESH has. Default: stored if MESH was "
+    "refined, else least-squares.",
 )
 @click.option(
     "-b",
@@ -96,7 +94,7 @@ def render(
     source: str,
     output: str,
     model: Any,
-    fit: str,
+    fit: str | None,
     bidx: list[int] | None,
     alpha: Alpha | None,
     crs: str | None,
@@ -124,16 +122,19 @@ def render(
         from geomesh.io.read import read_mesh
         from geomesh.io.render import render_file
         from geomesh.parallel.progress import part_of
+        from geomesh.surface.stored import choose
 
         protect_inputs([output], [mesh_file, source])
         check_geotiff(output, overwrite=overwrite)
         report(0.0, "Reading the mesh")
+        shown = read_mesh(mesh_file)
+        chosen = choose(shown, model, fit and fit.replace("-", "_"), bidx)
         fidelity = render_file(
-            read_mesh(mesh_file),
+            shown,
             source,
             output,
-            model=model,
-            fit="sampled" if fit == "sampled" else "least_squares",
+            model=chosen.model,
+            fit=chosen.fit,
             bidx=bidx,
             alpha=alpha,
             crs=crs,
@@ -144,7 +145,8 @@ def render(
         )
     outcome: dict[str, Any] = {"source": mesh_file, "error": "".join(failures[:1])}
     if not failures:
-        figures = {"model": model, "fit": fit, **fidelity.summary()}
+        how = {"model": chosen.model, "fit": chosen.fit.replace("_", "-")}
+        figures = {**how, **fidelity.summary()}
         outcome = {"source": mesh_file, "like": source, "output": output, **figures}
         if not as_json and progress != "jsonl":
             _print_fidelity(fidelity)

@@ -27,9 +27,10 @@ from geomesh.parallel.workers import Workers, open_workers
 from geomesh.raster.grid import Window
 from geomesh.raster.open import Source, open_scene
 from geomesh.surface.fidelity import ErrorSums, Fidelity, sum_errors, summarise
-from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
+from geomesh.surface.fit import Surface, SurfaceTile, walk
 from geomesh.surface.original import open_original
-from geomesh.surface.paint import Fit, to_pixels
+from geomesh.surface.paint import to_pixels
+from geomesh.surface.stored import find_surface
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parameters import Alpha, Model
     from geomesh.raster.scene import Scene
+    from geomesh.surface.stored import Shown
 
 Sums = tuple[int, int]
 Painted = tuple[Window, NDArray[Any], NDArray[np.bool_]]
@@ -48,8 +50,8 @@ def render_file(
     source: Source,
     path: str | PathLike[str],
     *,
-    model: Model = "linear",
-    fit: Fit = "least_squares",
+    model: Model | None = None,
+    fit: Shown | None = None,
     bidx: Sequence[int] | None = None,
     alpha: Alpha | None = None,
     crs: Any = None,
@@ -98,12 +100,12 @@ def render_file(
         scene.open(),
         staged(target, ".tif", overwrite=overwrite) as temporary,
     ):
-        surface = fit_surface(
-            mesh.nodes,
-            mesh.triangles,
+        surface = find_surface(
+            mesh,
             scene,
             model=model,
             fit=fit,
+            bidx=bidx,
             workers=pool,
             progress=part_of(report, 0, 0.6),
         )

@@ -14,8 +14,9 @@ from geomesh.arrays.plain import plain_json
 from geomesh.errors import EmptyError
 from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.workers import Workers, open_workers
-from geomesh.surface.fit import Surface, SurfaceTile, fit_surface, walk
+from geomesh.surface.fit import Surface, SurfaceTile, walk
 from geomesh.surface.original import open_original
+from geomesh.surface.stored import find_surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from geomesh.parameters import Alpha, Model
     from geomesh.raster.open import Source
     from geomesh.raster.scene import Scene
-    from geomesh.surface.paint import Fit
+    from geomesh.surface.stored import Shown
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,8 @@ def measure_fidelity(
     mesh: TriangleMesh,
     source: Source,
     *,
-    model: Model = "linear",
-    fit: Fit = "least_squares",
+    model: Model | None = None,
+    fit: Shown | None = None,
     bidx: Sequence[int] | None = None,
     alpha: Alpha | None = None,
     crs: Any = None,
@@ -94,11 +95,14 @@ def measure_fidelity(
     source : str, PathLike, rasterio dataset, or (array, transform, crs)
         The raster from which the mesh was made, or another raster with the same pixels; it
         may be larger than the mesh.
-    model : {"linear", "constant"}
+    model : {"linear", "constant"}, optional
         Linear interpolation in each triangle between values at the nodes, or one value per
-        triangle.
-    fit : {"least_squares", "sampled"}
+        triangle. Default: the model of a refined mesh, else linear.
+    fit : {"least_squares", "sampled", "stored"}, optional
         How the values are computed from the raster: see `geomesh.surface.fit.fit_surface`.
+        "stored": they are those in the columns of the mesh, at the nodes or, in the constant
+        model, `<band>_mean`. Default: stored if the mesh was refined for this model and
+        `bidx` is not given, else least_squares.
     bidx : sequence of int, optional
         1-based bands to use instead of the bands from which the mesh was made.
     alpha : {"mask", "data"}, optional
@@ -111,8 +115,8 @@ def measure_fidelity(
     Raises
     ------
     GeomeshError
-        If the raster cannot be read, the mesh does not have its pixels, or no valid pixel
-        is in a triangle.
+        If the raster cannot be read, the mesh does not have its pixels, no valid pixel is in
+        a triangle, or the mesh has no stored values.
 
     Examples
     --------
@@ -124,12 +128,12 @@ def measure_fidelity(
     """
     scene = open_original(mesh, source, bidx=bidx, alpha=alpha, crs=crs)
     with reporting(progress) as report, open_workers(workers) as pool, scene.open():
-        surface = fit_surface(
-            mesh.nodes,
-            mesh.triangles,
+        surface = find_surface(
+            mesh,
             scene,
             model=model,
             fit=fit,
+            bidx=bidx,
             workers=pool,
             progress=part_of(report, 0, 0.7),
         )

@@ -1,9 +1,9 @@
 """Paint a mesh: turn values at its nodes or of its triangles into the pixels of an image.
 
 There are two models. "linear" interpolates linearly in each triangle between values at the
-nodes; "constant" has one value per triangle. There are two fits, ways to get the values.
-"sampled" takes them from the raster at one place; "least_squares" minimises the squared
-errors of the pixels.
+nodes; "constant" has one value per triangle. There are two fits, ways to get the values from
+the raster. "sampled" takes them at one place; "least_squares" minimises the squared errors of
+the pixels. A mesh may also have values of its own: see `geomesh.surface.stored`.
 
 The functions here work on arrays, for one window at a time. `geomesh.surface.fit` and
 `geomesh.surface.fidelity` use them for the tiles of a scene.
