@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from geomesh.parameters import Alpha, LayerName
+    from geomesh.surface.accuracy import Accuracy
     from geomesh.surface.fidelity import Fidelity
     from geomesh.view.stages import Stages
 
@@ -75,6 +76,15 @@ class Mesh(TriangleMesh):
         from geomesh.surface.fidelity import measure_fidelity
 
         return measure_fidelity(self, source, **options)
+
+    def verify(self, source: Source, **options: Any) -> Accuracy:
+        """Measure the errors of a refined mesh again, and compare them with the recorded ones.
+
+        See `geomesh.surface.verify.verify`.
+        """
+        from geomesh.surface.verify import verify
+
+        return verify(self, source, **options)
 
     def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
         """Write the mesh as a raster on the pixels of `source`.

@@ -21,6 +21,8 @@ from click.testing import CliRunner
 
 import geomesh
 from geomesh.cli import cli
+from geomesh.parameters import MODELS
+from support.refined import with_record
 from support.samples import OLINDA, ROOT, SAMPLES
 
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))]
@@ -222,3 +224,19 @@ def test_every_entry_of_the_metadata_is_documented(written):
         pyogrio.read_info(written, layer="triangles")["layer_metadata"]["geomesh"]
     )
     assert set(documented("Metadata")) == set(document)
+
+
+def test_what_a_refined_mesh_has_in_addition_is_documented(written):
+    source = SAMPLES / "colorado_dem_float32_epsg4269.tif"
+    plain = geomesh.read_mesh(written)
+    mesh = with_record(plain, source)
+    told = documented("Refined meshes")
+    columns = [name for name in mesh.triangle_table if name not in plain.triangle_table]
+    assert told[:2] == list(MODELS)
+    assert told[2:4] == [re.sub(r"^b1", "<band>", name) for name in columns]
+    assert told[4:] == sorted(mesh.metadata.keys() - plain.metadata.keys())
+    text = (ROOT / "docs" / "formats.md").read_text().split("\n## Refined meshes\n")[1]
+    (row,) = re.findall(r"^\| `refinement` .*$", text, re.MULTILINE)
+    entries = mesh.metadata["refinement"]
+    for name in (*entries, *entries["bands"][0]):
+        assert f"`{name}`" in row, name

@@ -32,6 +32,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Measure lengths in pixels of the image that was meshed, or in map units.",
 )
+@click.option(
+    "--like",
+    "source",
+    metavar="SRC",
+    help="The raster from which MESH was refined: measure the errors of MESH again, and fail if "
+    "they are not those that it records.",
+)
 @output_options
 @click.pass_obj
 def quality(
@@ -40,6 +47,7 @@ def quality(
     mesh_file: str,
     output: str | None,
     space: Any,
+    source: str | None,
     overwrite: bool,
     progress: str | None,
     as_json: bool,
@@ -51,6 +59,7 @@ def quality(
       geomesh quality mesh.gpkg
       geomesh quality mesh.gpkg --space map --json
       geomesh quality mesh.gpkg -o measured.gpkg
+      geomesh quality mesh.gpkg --like scene.tif
     """
     console = open_console(progress, quiet=as_json)
     console.start("quality", mesh_file)
@@ -60,12 +69,16 @@ def quality(
         from geomesh.parallel.progress import part_of
 
         if output is not None:
-            protect_inputs([output], [mesh_file])
+            protect_inputs([output], [mesh_file, *([source] if source is not None else [])])
             check_output(output, overwrite=overwrite)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)
         report(0.2, "Measuring triangles")
         summary = read.quality(space).summary()
+        if source is not None:
+            from geomesh.surface.verify import verify
+
+            summary["errors"] = verify(read, source, progress=part_of(report, 0.25, 0.4)).summary()
         if output is not None:
             write_mesh(
                 read.with_measures(space),
@@ -112,5 +125,11 @@ def _print_quality(mesh_file: str, summary: Mapping[str, Any], unit: str) -> Non
     if not console.is_terminal:
         console.width = 120
     console.print(table)
+    for band, errors in summary.get("errors", {}).get("bands", {}).items():
+        console.print(
+            f"{printable(band)}: greatest error {errors['max_error']:.6g}, RMSE "
+            f"{errors['rmse']:.6g}, as recorded",
+            markup=False,
+        )
     for limit, share in summary["share_min_angle_under"].items():
         console.print(f"smallest angle under {limit} degrees: {share or 0:.2%} of the triangles")
