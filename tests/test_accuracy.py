@@ -276,6 +276,28 @@ def test_a_file_keeps_the_record_bit_for_bit(
         assert stored[f"{band}_max_error"].tobytes() == found.triangle_max_error[k].tobytes()
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_a_file_of_each_sample_shows_it_as_it_records(
+    tmp_path: Path, sample: Path, model: str
+) -> None:
+    mesh = refined(sample, 500, model=model)
+    again = geomesh.read_mesh(mesh.to_file(tmp_path / "mesh.gpkg"))
+    assert_same(again, mesh)
+    assert again.certify().passed
+    found = again.verify(sample)
+    with rasterio.open(sample) as dataset:
+        bands, valid = dataset.read().astype(float), (dataset.read_masks() > 0).all(axis=0)
+    table = again.node_table if model == "linear" else again.triangle_table
+    names = found.bands if model == "linear" else [f"{band}_mean" for band in found.bands]
+    values = np.column_stack([table[name] for name in names])
+    image = reconstruct(again.nodes, again.triangles, values, again.grid.extent, model)
+    compared = valid & (find_owners(again.nodes, again.triangles, again.grid.extent) >= 0)
+    assert found.pixels == compared.sum()
+    errors = np.abs(bands - image)[:, compared]
+    assert found.max_error.tolist() == errors.max(axis=1).tolist()
+    np.testing.assert_allclose(found.rmse, np.sqrt((errors**2).mean(axis=1)), rtol=1e-9)
+
+
 def test_errors_come_after_the_statistics_of_their_band(source: Any) -> None:
     names = list(refined(source).triangle_table)
     each = ("mean", "std", "min", "max", "rmse", "max_error")
@@ -341,6 +363,26 @@ def test_a_column_of_the_record_that_is_missing_fails_the_certificate(source: An
         less = {name: values for name, values in table.items() if name != column}
         (name,) = failed(replace(mesh, **{layer: type(table)(less)}))
         assert part in name
+
+
+def test_another_number_of_pixels_fails_the_certificate(source: Any) -> None:
+    mesh = refined(source)
+    refinement = replace(mesh.provenance.refinement, pixels=12_001)
+    other = replace(mesh, provenance=replace(mesh.provenance, refinement=refinement))
+    assert all(SUMS in name for name in failed(other))
+    assert "12000 pixels, recorded 12001" in check_of(other, SUMS).detail
+
+
+def test_each_triangle_is_verified(source: Any) -> None:
+    mesh = refined(source)
+    errors = mesh.triangle_table["b1_max_error"].copy()
+    one, other = np.argsort(errors)[:2]
+    errors[[one, other]] = errors[[other, one]]
+    table = mesh.triangle_table.with_columns({"b1_max_error": errors})
+    swapped = replace(mesh, triangle_table=table)
+    assert swapped.certify().passed  # without the pixels this cannot be known
+    with pytest.raises(CertificateError, match="records: b1_max_error of 2 triangles; use"):
+        swapped.verify(source)
 
 
 def test_a_moved_node_is_not_where_it_was_measured(source: Any) -> None:
@@ -468,6 +510,9 @@ def test_a_thin_triangle_at_the_outline_is_told_and_one_inside_fails(source: Any
         f"{count} of {len(angles)} triangles are below, {count} of them touch these; "
         f"the smallest angle is {angles.min():.4f} degrees, {free:.4f} in the "
     )
+    # Without constraints, as a mesh of another program may be, the boundary is the outline.
+    bare = replace(plain, constraints=np.empty((0, 2), np.int32))
+    assert check_of(with_record(bare, source, floor=floor), FLOOR) == check
     broken = with_record(plain, source, floor=free + 1e-4)
     (name,) = failed(broken)
     assert FLOOR in name
