@@ -12,7 +12,7 @@ KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py detect.py ke
 	paint.py rasterize.py tiled.py topology.py triangulate.py zonal.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast test-bounds lint hooks docs bench bench-scale plugin test-qgis qgis-is-there clean
+.PHONY: help demo test test-fast test-bounds lint hooks docs bench bench-scale bench-fidelity plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
@@ -24,6 +24,7 @@ help:
 	@echo "make docs    build the documentation into $(SITE)/"
 	@echo "make bench   compare speed with the peers, in one run"
 	@echo "make bench-scale  time and memory from 1 to 120 megapixels, beside the bare work"
+	@echo "make bench-fidelity  how faithfully meshes show images and DEMs, beside other methods"
 	@echo "make plugin  pack the QGIS plugin into dist/"
 	@echo "make test-qgis  test the plugin with the QGIS of this machine (QGIS_PYTHON=$(QGIS_PYTHON))"
 	@echo "make clean   remove $(VENV), $(QGIS_VENV), out/, dist/ and caches"
@@ -101,6 +102,9 @@ bench: $(BIN)/.developing
 
 bench-scale: $(BIN)/.developing
 	$(BIN)/python -m benchmarks.scale
+
+bench-fidelity: $(BIN)/.developing
+	$(BIN)/python -m benchmarks.fidelity
 
 plugin: $(BIN)/.installed
 	@$(BIN)/python qgis_plugin/build.py

@@ -212,9 +212,11 @@ def size_table(found: Findings) -> Table:
     return table
 
 
-def check_table(found: Sequence[Check]) -> Table:
+def check_table(
+    found: Sequence[Check], title: str = "Medians \\[range] of alternating rounds"
+) -> Table:
     """Return a table of the checks."""
-    table = Table(title="Medians \\[range] of alternating rounds")
+    table = Table(title=title)
     for heading in ("what", "found", "expected"):
         table.add_column(heading, overflow="fold")
     for check in found:
