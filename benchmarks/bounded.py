@@ -18,6 +18,7 @@ from matplotlib.tri import LinearTriInterpolator, Triangulation
 
 import geomesh
 from benchmarks.scoring import spread
+from geomesh.errors import GeomeshError
 from geomesh.zonal.owners import find_owners
 
 if TYPE_CHECKING:
@@ -73,8 +74,8 @@ class BoundedPair:
 
     @property
     def ratio(self) -> float:
-        """Nodes of geomesh divided by nodes of pydelatin."""
-        return self.ours.nodes / self.theirs.nodes
+        """Nodes of geomesh divided by nodes of pydelatin; infinite if the bound does not hold."""
+        return self.ours.nodes / self.theirs.nodes if self.ours.holds(self.bound) else np.inf
 
 
 def compare_bounded(path: Path, raster: Raster, bounds: Sequence[float]) -> list[BoundedPair]:
@@ -91,10 +92,14 @@ def compare_bounded(path: Path, raster: Raster, bounds: Sequence[float]) -> list
 def adaptive(path: Path, raster: Raster, bound: float) -> tuple[Bounded, float]:
     """Return geomesh's mesh of a DEM file, and its smallest angle in degrees.
 
-    The time is that of the whole pipeline, from the file to the mesh with its statistics.
+    The time is that of the whole pipeline, from the file to the mesh with its statistics. A mesh
+    that geomesh refuses has no nodes and covers no pixel.
     """
     start = process_time()
-    mesh = geomesh.mesh_raster(path, preset="adaptive", max_error=bound)
+    try:
+        mesh = geomesh.mesh_raster(path, preset="adaptive", max_error=bound)
+    except GeomeshError:
+        return Bounded(0, process_time() - start, np.inf, raster.pixels), 0.0
     cpu = process_time() - start
     with TemporaryDirectory() as folder:
         file = mesh.to_file(Path(folder) / "mesh.gpkg")

@@ -92,9 +92,13 @@ class Findings:
 
 
 def lead(group: dict[str, Record]) -> float:
-    """Return the lead of geomesh over the best triangulated peer, in dB."""
+    """Return the lead of geomesh over the best triangulated peer, in dB.
+
+    NaN if geomesh has no mesh, or more nodes than wanted: then there is no comparison.
+    """
+    own = group[ADAPTIVE]
     others = [r.decibels for name, r in group.items() if name not in (ADAPTIVE, SLIC)]
-    return group[ADAPTIVE].decibels - max(others)
+    return own.decibels - max(others) if own.nodes <= own.wanted else np.nan
 
 
 class PlainTable(NamedTuple):
@@ -129,7 +133,7 @@ def tables(found: Findings) -> Iterator[PlainTable]:
         for group in found.groups(model):
             own = group[ADAPTIVE]
             goal = LEAD_OVER_PAPER if own.label == PAPER else least
-            marked = lead(group) < goal and (own.label != PAPER or model == "linear")
+            marked = not lead(group) >= goal and (own.label != PAPER or model == "linear")
             shown = [_decibels(group[name]) if name in group else "" for name in methods]
             if model == "constant" and SLIC in group:
                 shown[methods.index(SLIC)] += f" ({group[SLIC].nodes:,})"
@@ -163,8 +167,10 @@ def _decibels(record: Record) -> str:
 def checks(found: Findings) -> Iterator[Check]:
     """Yield the checks of the goals that can be judged."""
     other = [r for r in found.records if r.method != SLIC and r.nodes != r.wanted]
-    most = ", ".join(f"{r.image} {r.label} {r.method}: {r.nodes:,} of {r.wanted:,}" for r in other)
-    yield Check("numbers of nodes of all methods", most or "the same", "the same", not other)
+    shown = [f"{r.image} {r.label} {r.method}: {r.nodes:,} of {r.wanted:,}" for r in other[:3]]
+    shown += [f"and {len(other) - 3} more"] if len(other) > 3 else []
+    different = ", ".join(shown) or "the same"
+    yield Check("numbers of nodes of all methods", different, "the same", not other)
     for model, least in LEAD.items():
         groups = [group for group in found.groups(model) if PAPER not in group]
         what = f"{model} model: least lead in dB over the best triangulated peer"

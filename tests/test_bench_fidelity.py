@@ -14,7 +14,7 @@ pytest.importorskip("pydelatin")
 pytest.importorskip("skimage")
 
 from benchmarks import fidelity
-from benchmarks.bounded import Bounded, greedy, largest_error
+from benchmarks.bounded import Bounded, BoundedPair, greedy, largest_error
 from benchmarks.fidelity_tables import ADAPTIVE, Findings, Record, checks, tables, write_markdown
 from benchmarks.peers import PEERS, place, triangulate, with_corners
 from benchmarks.scoring import Raster, spread
@@ -186,3 +186,18 @@ def test_the_command_writes_tables_and_a_picture(tmp_path):
     assert "PSNR in dB, linear model" in result.output
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {"small.png", "fidelity.csv", "bounded.csv", "fidelity.md"}
+
+
+def test_a_mesh_that_breaks_the_bound_has_no_ratio_and_more_nodes_give_no_lead():
+    theirs = Bounded(100, 0.1, 5.0, 0)
+    good = BoundedPair("dem", 5.0, Bounded(40, 1.0, 5.0, 0), theirs, 12.0)
+    bad = BoundedPair("dem", 5.0, Bounded(20, 1.0, 5.1, 0), theirs, 12.0)
+    assert good.ratio == 0.4
+    assert bad.ratio == math.inf
+    assert [one.holds for one in checks(Findings((), [], [good]))] == [True] * 5
+    assert [one.holds for one in checks(Findings((), [], [bad]))] == [True, *[False] * 3, True]
+    more = [
+        Record("a", "1 %", "linear", "random", 9, 9, 20.0),
+        Record("a", "1 %", "linear", ADAPTIVE, 9, 10, 40.0),
+    ]
+    assert [one.holds for one in checks(Findings((1.0,), more))] == [False, False]
