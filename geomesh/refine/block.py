@@ -190,6 +190,14 @@ class Block:
             self.model,
         )
 
+    def adjust(self, target: int, batches: int) -> None:
+        """Insert or remove nodes until the block has `target` nodes of its own."""
+        for _ in range(_TRIES):
+            surplus = self.own - target
+            if surplus <= 0 or self.shrink(surplus) == 0:
+                break
+        self.grow(target, batches)
+
     def replace(self, share: float, target: int) -> None:
         """Remove a share of the nodes, those needed least, and insert others elsewhere."""
         self.relax(2)

@@ -1,0 +1,156 @@
+"""The plan of a least-squares refinement: a few passes over shifted blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from geomesh.refine.block import Block
+from geomesh.refine.moments import image_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Mask
+    from geomesh.refine.parts import Part, Partition
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What one pass does.
+
+    Parameters
+    ----------
+    share : float
+        Share of the wanted nodes that the mesh has after the pass.
+    replacements : tuple of float
+        Shares of the nodes to replace, one after the other.
+    finish : int
+        Rounds of moves and flips at the end.
+    batches : int
+        Batches in which nodes are inserted.
+    """
+
+    share: float
+    replacements: tuple[float, ...] = ()
+    finish: int = 0
+    batches: int = 4
+
+
+# The first pass makes the result independent of the start; the last one takes away the seams of
+# the one before.
+STAGES: Mapping[str, tuple[Stage, ...]] = MappingProxyType(
+    {
+        "fast": (Stage(0.3, batches=5), Stage(1.0, finish=1), Stage(1.0, finish=1)),
+        "normal": (
+            Stage(0.3, batches=8),
+            Stage(1.0, (0.15, 0.1)),
+            Stage(1.0, (0.15, 0.1, 0.1), 2),
+            Stage(1.0, (), 2),
+        ),
+        "best": (
+            Stage(0.3, batches=8),
+            Stage(1.0, (0.15, 0.1, 0.1)),
+            Stage(1.0, (0.15, 0.15, 0.1, 0.1), 2),
+            Stage(1.0, (0.15, 0.1, 0.1, 0.1), 3),
+            Stage(1.0, (), 3),
+        ),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What to do with one block in one pass.
+
+    Parameters
+    ----------
+    stage : Stage
+    target : int
+        Number of nodes that only this block has in the end; -1 to measure the error only.
+    is_first : bool
+        Whether the nodes have no values yet.
+    floor : float
+        Squared sine of the smallest angle.
+    model : int
+        `LINEAR` or `CONSTANT`.
+    """
+
+    stage: Stage
+    target: int
+    is_first: bool
+    floor: float
+    model: int
+
+
+@dataclass(frozen=True)
+class Report:
+    """The number of nodes that only one block has, and its squared error."""
+
+    own: int
+    error: float
+
+
+def refine_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[Part, Report]:
+    """Refine one block: see `geomesh.refine.passes.Work`."""
+    if step.is_first:
+        part = replace(part, values=_sampled(part.points, pixels, valid))
+    block = Block(part, image_of(pixels, valid), step.floor, step.model)
+    if step.is_first:
+        block.relax(2, moving=False)
+    if step.target >= 0:
+        block.adjust(step.target, step.stage.batches)
+        for share in step.stage.replacements:
+            block.replace(share, step.target)
+        if step.stage.finish:
+            block.finish(step.stage.finish)
+    return block.part(), Report(block.own, block.error)
+
+
+def _sampled(points: Floats, pixels: Floats, valid: Mask) -> Floats:
+    """Return the values (n, B) of the pixels at nodes, or of a valid pixel beside them, or 0.
+
+    `points` are relative to the centre of the first pixel.
+    """
+    height, width = valid.shape
+    values = np.zeros((len(points), len(pixels)))
+    missing = np.ones(len(points), np.bool_)
+    # A node on a corner of four pixels takes the first valid one of them.
+    for dx, dy in ((0.25, 0.25), (-0.25, 0.25), (0.25, -0.25), (-0.25, -0.25)):
+        col = np.clip(np.rint(points[:, 0] + dx).astype(int), 0, width - 1)
+        row = np.clip(np.rint(points[:, 1] + dy).astype(int), 0, height - 1)
+        found = missing & valid[row, col]
+        values[found] = pixels[:, row[found], col[found]].T
+        missing &= ~found
+    return values
+
+
+def share_out(weights: NDArray[np.float64], total: int) -> NDArray[np.int64]:
+    """Return whole numbers in proportion to weights (k,), with the given sum.
+
+    The largest remainders are rounded up; of equal ones the first.
+    """
+    if total <= 0:
+        return np.zeros(len(weights), np.int64)
+    weights = np.maximum(weights, 1e-9 * max(weights.max(initial=0), 1e-300))
+    exact = weights * (total / weights.sum())
+    whole = np.floor(exact).astype(np.int64)
+    order = np.argsort(whole - exact, kind="stable")
+    whole[order[: total - int(whole.sum())]] += 1
+    return whole
+
+
+def targets(blocks: Partition, reports: list[Report] | None, wanted: int) -> NDArray[np.int64]:
+    """Return the number of nodes that each block should have of its own.
+
+    In the first pass in proportion to its squared error, later by the same factor in each.
+    """
+    room = wanted - int(blocks.shared.sum())
+    if reports is not None:
+        return share_out(np.array([report.error for report in reports]), room)
+    return share_out(blocks.own().astype(np.float64), room)

@@ -1,0 +1,69 @@
+"""Units: scale pixel values, so that refinement works alike on all rasters and bands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats, Mask
+
+# The usual spread of a band in these units, as in an 8-bit image.
+_SPREAD = 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """The value of each band that becomes 0, and the difference that becomes 1.
+
+    Parameters
+    ----------
+    offset, scale : float64 (B,)
+    """
+
+    offset: Floats
+    scale: Floats
+
+    def scaled(self, bands: NDArray[Any]) -> Floats:
+        """Return pixel values (B, h, w) in these units."""
+        values = bands.astype(np.float64) - self.offset[:, None, None]
+        values /= self.scale[:, None, None]
+        return values
+
+    def raw(self, values: Floats) -> Floats:
+        """Return node values (N, B) in the raster's units."""
+        restored: Floats = values * self.scale + self.offset
+        return restored
+
+
+def even_units(bands: NDArray[Any], valid: Mask) -> Units:
+    """Return units in which every band has about the same spread.
+
+    The offset is a whole number and the scale a power of two, so whole numbers stay exact
+    multiples of a power of two, and their sums exact. 8-bit bands are only shifted.
+
+    Parameters
+    ----------
+    bands : (B, h, w)
+        A sample of the pixels.
+    valid : bool (h, w)
+    """
+    known = bands[:, valid].astype(np.float64)
+    low, middle, high = np.percentile(known, (2, 50, 98), axis=1)
+    if bands.dtype == np.uint8:
+        return Units(np.rint(middle), np.ones(len(bands)))
+    with np.errstate(divide="ignore"):
+        power = np.rint(np.log2((high - low) / _SPREAD))
+    # A band with hardly any spread keeps its own.
+    scale = np.exp2(np.clip(np.where(np.isfinite(power), power, 0), -500, 500))
+    step = np.where(scale < 1, scale, 1.0)
+    return Units(np.rint(middle / step) * step, scale)
+
+
+def bound_units(limits: tuple[float, ...]) -> Units:
+    """Return units in which the bound of each band is 1."""
+    return Units(np.zeros(len(limits)), np.array(limits, np.float64))
