@@ -10,9 +10,10 @@ from geomesh.io.write import check_output, choose_layers, open_writer
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import CORE
+from geomesh.pipeline.attributes import count_columns
 from geomesh.pipeline.existing import find_made
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
-from geomesh.pipeline.mesh_scene import count_columns, mesh_scene
+from geomesh.pipeline.mesh_scene import mesh_scene
 from geomesh.raster.open import open_scene
 
 if TYPE_CHECKING:
@@ -107,9 +108,10 @@ def _require_room(job: MeshJob, scene: Scene) -> None:
     file_format = find_format(job.output, job.driver)
     layers = choose_layers(job.layers, file_format)
     for name in layers:
-        columns = count_columns(name, scene, job.recipe.statistics)
+        columns = count_columns(name, scene, job.recipe)
         ways_out = ["choose fewer bands with `bidx`", "write .parquet"]
-        if count_columns(name, scene, ("mean",)) <= (file_format.most_columns or columns):
+        fewest = job.recipe.with_values(statistics=("mean",))
+        if count_columns(name, scene, fewest) <= (file_format.most_columns or columns):
             ways_out.insert(0, "compute one statistic with `statistics=mean`")
         if len(layers) > 1 and job.layers is not None:
             ways_out[-1] += f" with `layers={name}`"

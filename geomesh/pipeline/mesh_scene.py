@@ -6,7 +6,6 @@ import threading
 import warnings
 from dataclasses import replace
 from importlib.metadata import version
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -16,17 +15,14 @@ import rasterio
 
 from geomesh._version import __version__
 from geomesh.arrays.jit import prepare_kernels
-from geomesh.arrays.table import Table
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
 from geomesh.errors import GeomeshWarning, WorkerError
 from geomesh.features.detect import detect_keypoints
 from geomesh.features.gray import Tone, fit_tone
 from geomesh.features.gray_image import SceneGray
 from geomesh.features.overview import read_overview
-from geomesh.mesh.colors import format_colors
 from geomesh.mesh.provenance import (
     CannyThresholds,
-    PixelCounts,
     Provenance,
     SourceBand,
     SourceRaster,
@@ -34,29 +30,28 @@ from geomesh.mesh.provenance import (
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
 from geomesh.parallel.progress import Progress, part_of
-from geomesh.pipeline.nodes import NodeSet, place_nodes
+from geomesh.pipeline.attributes import describe
+from geomesh.pipeline.nodes import NodeSet, place_nodes, wanted_nodes
+from geomesh.pipeline.refine_scene import refine_scene
+from geomesh.pipeline.start import grid_spacing, start_nodes
 from geomesh.raster.pixels import Excerpt
-from geomesh.zonal import columns
-from geomesh.zonal import statistics as zonal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from concurrent.futures import Executor
 
-    from numpy.typing import NDArray
-
-    from geomesh.arrays.types import Floats, Triangles
+    from geomesh.arrays.types import Triangles
     from geomesh.parallel.workers import Workers
-    from geomesh.parameters import LayerName
     from geomesh.raster.grid import Grid
+    from geomesh.raster.pixels import Pixels
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
 # Libraries on which a result may depend, in addition to geomesh itself.
 _LIBRARIES = (cv2, numba, np, rasterio)
 
-# Number of columns of each layer without those of the bands.
-_OWN_COLUMNS: Mapping[LayerName, int] = MappingProxyType({"triangles": 13, "edges": 7, "nodes": 8})
+# Share of the progress until the triangulation that detection has if the mesh is refined.
+_SHARE_OF_DETECTION = 0.3
 
 # Memory that SIFT needs for each pixel, and the gigabytes from which the user gets a warning.
 _SIFT_BYTES = 240
@@ -70,6 +65,7 @@ def mesh_scene(
     progress: Progress,
     *,
     shaped: Callable[[TriangleMesh], None] | None = None,
+    is_late: Callable[[], bool] | None = None,
 ) -> TriangleMesh:
     """Run all stages on a scene and return the mesh.
 
@@ -81,6 +77,8 @@ def mesh_scene(
     progress : callable(fraction, message)
     shaped : callable(TriangleMesh), optional
         Called with the mesh as soon as its geometry is final, before it has statistics.
+    is_late : callable, optional
+        Whether refinement should end early.
     """
     _require_reach(scene, workers)
     notes = (*scene.notes, *_notes_on_memory(scene, recipe))
@@ -90,15 +88,22 @@ def mesh_scene(
     later_stages = in_background(lambda: _load_later_stages(is_known.set))
     later_stages.add_done_callback(lambda _: is_known.set())
     with scene.open():
-        tone = scene_tone(scene, recipe, workers, part_of(progress, 0, 0.05))
+        overview = read_overview(scene, workers, part_of(progress, 0, 0.05))
+        tone = _tone_of(scene, recipe, overview)
         image = SceneGray(scene, tone, recipe.sobel)
-        detection = detect_keypoints(image, recipe, workers, part_of(progress, 0.05, 0.68))
+        share = _SHARE_OF_DETECTION if recipe.refine else 1.0
+        found = part_of(progress, 0.05, 0.05 + 0.63 * share)
+        detection = detect_keypoints(image, recipe, workers, found)
         is_known.wait()
         if not later_stages.done():
-            progress(0.7, "Compiling, once")
+            progress(0.7 * share, "Compiling, once")
         later_stages.result()
-        progress(0.7, "Triangulating")
+        progress(0.7 * share, "Triangulating")
         nodes = place_nodes(detection, scene.grid, recipe)
+        if recipe.refine:
+            pixels = nodes.domain.valid_pixels
+            spacing = grid_spacing(pixels, wanted_nodes(recipe, pixels))
+            nodes = start_nodes(nodes, scene.grid, spacing, recipe.min_angle, workers.local)
         nodes, triangles = triangulate_nodes(nodes, scene.grid, detection.size, workers.local)
         mesh = TriangleMesh(
             nodes=nodes.points,
@@ -109,64 +114,45 @@ def mesh_scene(
             plane_size=detection.size,
             node_table=nodes.table,
         )
+        outcome = None
+        if recipe.refine:
+            more = part_of(progress, 0.75 * share, 0.8)
+            outcome = refine_scene(
+                mesh, scene, recipe, overview, workers, more, is_late=is_late or never
+            )
+            mesh = outcome.mesh
         if shaped is not None:
             shaped(mesh)
-        statistics, means = _measure(mesh, scene, recipe, workers, part_of(progress, 0.8, 1))
-    _warn(nodes.notes)
-    bands = scene.classes.bands
+        more = part_of(progress, 0.8, 1)
+        described = describe(mesh, scene, recipe, tone, workers, more, outcome=outcome)
+    later_notes = nodes.notes if outcome is None else (*nodes.notes, *filter(None, [outcome.note]))
+    _warn(later_notes)
     return replace(
-        mesh,
-        node_table=mesh.node_table.with_columns(columns.node_columns(statistics, bands)),
-        triangle_table=Table(
-            {
-                **columns.triangle_columns(statistics, bands, recipe.statistics),
-                "color": _colors(means, scene, tone),
-            }
-        ),
+        described.mesh,
         provenance=Provenance(
             recipe=recipe,
             source=source_of(scene),
-            pixels=PixelCounts(int(statistics.pixels.sum()), int(statistics.count.sum())),
+            pixels=described.pixels,
             canny=CannyThresholds(detection.thresholds.low, detection.thresholds.high),
-            warnings=(*notes, *nodes.notes),
-            versions={
-                "geomesh": __version__,
-                "pythoncdt": version("pythoncdt"),
-                **{library.__name__: library.__version__ for library in _LIBRARIES},
-            },
+            warnings=(*notes, *later_notes),
+            versions=versions(),
+            refinement=described.refinement,
         ),
     )
 
 
-def _measure(
-    mesh: TriangleMesh, scene: Scene, recipe: Recipe, workers: Workers, progress: Progress
-) -> tuple[zonal.Statistics, Floats]:
-    """Return the statistics of the triangles, and the means (B, T) of the bands of `scene`.
-
-    The statistics of a palette are those of its classes; the means are those of its colours.
-    """
-    measured = scene.classes
-    more = progress if measured is scene else part_of(progress, 0, 0.5)
-    statistics = zonal.measure_scene(
-        *(mesh.nodes, mesh.triangles, measured, workers, more),
-        counted=columns.counted_bands(measured.bands, recipe.statistics),
-        classes=[k for k, band in enumerate(measured.bands) if band.is_class],
-    )
-    if measured is scene:
-        return statistics, statistics.mean
-    more = part_of(progress, 0.5, 1)
-    return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
+def never() -> bool:
+    """Return False: there is no limit of time."""
+    return False
 
 
-def count_columns(layer: LayerName, scene: Scene, statistics: Sequence[str]) -> int:
-    """Return the number of columns that a layer of the mesh will have."""
-    bands = scene.classes.bands
-    measured = {
-        "triangles": sum(len(columns.statistics_of(band, statistics)) for band in bands),
-        "edges": 0,
-        "nodes": len(bands),
+def versions() -> dict[str, str]:
+    """Return the versions of geomesh and of the libraries that can change a result."""
+    return {
+        "geomesh": __version__,
+        "pythoncdt": version("pythoncdt"),
+        **{library.__name__: library.__version__ for library in _LIBRARIES},
     }
-    return _OWN_COLUMNS[layer] + measured[layer]
 
 
 def _load_later_stages(compiling: Callable[[], None]) -> None:
@@ -226,7 +212,11 @@ def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
 
 def scene_tone(scene: Scene, recipe: Recipe, workers: Workers, progress: Progress) -> Tone:
     """Return the tone: how pixel values of the scene become gray levels and colours."""
-    bands, valid = read_overview(scene, workers, progress)
+    return _tone_of(scene, recipe, read_overview(scene, workers, progress))
+
+
+def _tone_of(scene: Scene, recipe: Recipe, overview: Pixels) -> Tone:
+    bands, valid = overview
     numbers = [band.index for band in scene.bands]
     return fit_tone(bands, valid, recipe, rgb=scene.rgb, numbers=numbers)
 
@@ -262,8 +252,3 @@ def triangulate_nodes(
         nodes, points=nodes.points[used], table=nodes.table.take(used), segments=segments
     )
     return kept, np.ascontiguousarray(triangles)
-
-
-def _colors(means: NDArray[np.float64], scene: Scene, tone: Tone) -> NDArray[np.str_]:
-    """Return the colour of each triangle: the mean of its display bands."""
-    return format_colors(np.ascontiguousarray(tone.display(means)[list(scene.display)].T))

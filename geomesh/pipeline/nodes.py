@@ -31,6 +31,14 @@ _SPACING_SAMPLE = 20_000
 # With fewer keypoints per pixel than this, a mesh shows almost nothing of the image.
 _FEW = 1e-4
 
+# Shares of the wanted nodes that features take at the start of refinement: if they can move
+# later, and if they are kept.
+_SHARE_OF_FEATURES = 0.1
+_SHARE_KEPT = 0.5
+
+# Nodes for which a start is chosen if the goal is an error: a share of the pixels.
+_USUAL_SHARE = 0.01
+
 Loops = list[NDArray[np.float64]]
 
 
@@ -101,6 +109,12 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
     return replace(_join(chosen, border, facts), notes=tuple(notes))
 
 
+def wanted_nodes(recipe: Recipe, valid_pixels: int) -> int:
+    """Return the number of nodes for which the start of refinement is chosen."""
+    budget = recipe.node_budget(valid_pixels)
+    return min(budget or max(round(_USUAL_SHARE * valid_pixels), 1), valid_pixels)
+
+
 def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
     changes = []
     if facts.holes_bridged:
@@ -114,6 +128,8 @@ def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
 def _notes_on_number(
     features: int, border: int, recipe: Recipe, facts: DomainFacts, thinned: int
 ) -> list[str]:
+    if recipe.refine:
+        return []  # refinement says how many nodes there are
     budget = recipe.node_budget(facts.valid_pixels)
     if budget is not None and border > budget:
         return [f"the outline alone needs {border} nodes, more than the {budget} requested"]
@@ -156,6 +172,10 @@ def _strongest(
 ) -> Keypoints:
     """Return as many features as the node budget allows, if `taken` nodes exist already."""
     budget = recipe.node_budget(facts.valid_pixels)
+    if recipe.refine:
+        # Refinement finds its own places for the other nodes.
+        share = _SHARE_KEPT if recipe.keep_features else _SHARE_OF_FEATURES
+        budget = round(share * wanted_nodes(recipe, facts.valid_pixels))
     if budget is None or len(features) + taken <= budget:
         return features
     room = max(budget - taken, 0)

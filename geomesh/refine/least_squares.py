@@ -142,7 +142,8 @@ def share_out(weights: NDArray[np.float64], total: int) -> NDArray[np.int64]:
     whole = np.floor(exact).astype(np.int64)
     order = np.argsort(whole - exact, kind="stable")
     whole[order[: total - int(whole.sum())]] += 1
-    return whole
+    shares: NDArray[np.int64] = whole
+    return shares
 
 
 def targets(blocks: Partition, reports: list[Report] | None, wanted: int) -> NDArray[np.int64]:

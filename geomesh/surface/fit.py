@@ -103,11 +103,16 @@ def fit_surface(
         return surface if fit == "least_squares" else _sampled(surface, scene, workers, more)
     values = complete(statistics.node_values.T, triangles, statistics.count, mean)
     surface = Surface(nodes, triangles, values, model)
-    return surface if fit == "sampled" else _corrected(surface, scene, workers, more)
+    if fit == "sampled":
+        return surface
+    return replace(surface, values=fit_values(surface, scene, workers, more))
 
 
-def _corrected(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Surface:
-    """Return the linear surface with values that minimise the squared errors of the pixels."""
+def fit_values(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Floats:
+    """Return the node values (N, B) of a linear surface that minimise the squared errors.
+
+    See `geomesh.surface.least_squares.solve`. The values of `surface` are the start.
+    """
     gram = np.zeros((len(surface.triangles), 6))
     moments = np.zeros(surface.values.shape)
     work = walk(_project_tile, surface, scene, workers, part_of(progress, 0, 0.9), "Fitting nodes")
@@ -116,7 +121,8 @@ def _corrected(surface: Surface, scene: Scene, workers: Workers, progress: Progr
         moments[part.node_ids] += found.moments
     progress(0.9, "Fitting nodes: solving")
     corrections = solve(surface.triangles, NormalEquations(gram, moments))
-    return replace(surface, values=surface.values + corrections)
+    fitted: Floats = surface.values + corrections
+    return fitted
 
 
 def _project_tile(task: SurfaceTile) -> NormalEquations:

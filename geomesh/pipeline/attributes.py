@@ -1,0 +1,170 @@
+"""The attributes of a mesh: statistics, colours, and the surface of a refined mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from geomesh.arrays.table import Table
+from geomesh.mesh.colors import format_colors
+from geomesh.mesh.provenance import PixelCounts
+from geomesh.parallel.progress import Progress, part_of
+from geomesh.surface import columns as surface_columns
+from geomesh.surface.accuracy import measure_accuracy
+from geomesh.surface.fit import Surface, fit_values
+from geomesh.surface.record import goal_of, record_refinement
+from geomesh.zonal import columns
+from geomesh.zonal import statistics as zonal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats
+    from geomesh.features.gray import Tone
+    from geomesh.mesh.refinement import Refinement
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parallel.workers import Workers
+    from geomesh.parameters import LayerName
+    from geomesh.pipeline.refine_scene import Outcome
+    from geomesh.raster.scene import Scene
+    from geomesh.recipe import Recipe
+
+# Number of columns of each layer without those of the bands.
+_OWN_COLUMNS: Mapping[LayerName, int] = MappingProxyType({"triangles": 13, "edges": 7, "nodes": 8})
+
+
+@dataclass(frozen=True, eq=False)
+class Described:
+    """A mesh with all its attributes, and facts for its provenance."""
+
+    mesh: TriangleMesh
+    pixels: PixelCounts
+    refinement: Refinement | None
+
+
+def describe(
+    mesh: TriangleMesh,
+    scene: Scene,
+    recipe: Recipe,
+    tone: Tone,
+    workers: Workers,
+    progress: Progress,
+    *,
+    outcome: Outcome | None = None,
+) -> Described:
+    """Measure a scene in the triangles and at the nodes of its mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    scene : Scene
+    recipe : Recipe
+    tone : Tone
+    workers : Workers
+    progress : callable(fraction, message)
+    outcome : Outcome, optional
+        If the mesh was refined.
+    """
+    more = progress if outcome is None else part_of(progress, 0, 0.4)
+    statistics, means = _measure(mesh, scene, recipe, workers, more)
+    bands = scene.classes.bands
+    node_columns: dict[str, NDArray[np.generic]] = columns.node_columns(statistics, bands)
+    refinement = None
+    if outcome is None:
+        triangle_columns = columns.triangle_columns(statistics, bands, recipe.statistics)
+    else:
+        is_linear = recipe.model == "linear"
+        values = np.ascontiguousarray(means.T)
+        if is_linear:
+            values = outcome.values
+            if goal_of(recipe) != "max_error":
+                # Exactly the best values; a bound holds only for those that refinement found.
+                surface = Surface(mesh.nodes, mesh.triangles, values, "linear")
+                values = fit_values(surface, scene, workers, part_of(progress, 0.4, 0.7))
+            values = _without_pixels(values, mesh, statistics)
+        accuracy = measure_accuracy(
+            mesh.nodes,
+            mesh.triangles,
+            values,
+            scene,
+            workers,
+            part_of(progress, 0.7, 1),
+            model=recipe.model,  # type: ignore[arg-type]
+        )
+        refinement = record_refinement(
+            recipe,
+            accuracy,
+            mesh.nodes,
+            mesh.triangles,
+            values,
+            budget=outcome.budget,
+            reached=outcome.reached,
+            note=outcome.note,
+        )
+        if is_linear:
+            node_columns |= surface_columns.node_columns(values, accuracy.bands)
+        triangle_columns = surface_columns.triangle_columns(
+            statistics, bands, accuracy, recipe.statistics, means=None if is_linear else means
+        )
+    triangle_columns["color"] = _colors(means, scene, tone)
+    return Described(
+        replace(
+            mesh,
+            node_table=mesh.node_table.with_columns(node_columns),
+            triangle_table=Table(triangle_columns),
+        ),
+        PixelCounts(int(statistics.pixels.sum()), int(statistics.count.sum())),
+        refinement,
+    )
+
+
+def _measure(
+    mesh: TriangleMesh, scene: Scene, recipe: Recipe, workers: Workers, progress: Progress
+) -> tuple[zonal.Statistics, Floats]:
+    """Return the statistics of the triangles, and the means (B, T) of the bands of `scene`.
+
+    The statistics of a palette are those of its classes; the means are those of its colours.
+    """
+    measured = scene.classes
+    more = progress if measured is scene else part_of(progress, 0, 0.5)
+    statistics = zonal.measure_scene(
+        *(mesh.nodes, mesh.triangles, measured, workers, more),
+        counted=columns.counted_bands(measured.bands, recipe.statistics),
+        classes=[k for k, band in enumerate(measured.bands) if band.is_class],
+    )
+    if measured is scene:
+        return statistics, statistics.mean
+    more = part_of(progress, 0.5, 1)
+    return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
+
+
+def _without_pixels(values: Floats, mesh: TriangleMesh, statistics: zonal.Statistics) -> Floats:
+    """Return values (N, B) with NaN at the nodes of which no triangle has a valid pixel."""
+    known = np.zeros(len(values), np.bool_)
+    known[mesh.triangles[statistics.count > 0]] = True
+    return np.where(known[:, None], values, np.nan)
+
+
+def count_columns(layer: LayerName, scene: Scene, recipe: Recipe) -> int:
+    """Return the number of columns that a layer of the mesh will have."""
+    bands, shown = scene.classes.bands, len(scene.bands)
+    has_means = "mean" in recipe.statistics and scene.classes is scene
+    measured = {
+        "triangles": sum(len(columns.statistics_of(band, recipe.statistics)) for band in bands),
+        "edges": 0,
+        "nodes": len(bands),
+    }
+    if recipe.refine:
+        measured["triangles"] += 2 * shown + (recipe.model == "constant" and not has_means) * shown
+        measured["nodes"] += shown * (recipe.model == "linear" and scene.classes is not scene)
+    return _OWN_COLUMNS[layer] + measured[layer]
+
+
+def _colors(means: Floats, scene: Scene, tone: Tone) -> NDArray[np.str_]:
+    """Return the colour of each triangle: the mean of its display bands."""
+    return format_colors(np.ascontiguousarray(tone.display(means)[list(scene.display)].T))

@@ -1,0 +1,142 @@
+"""Refine the mesh of a scene to the goal of its recipe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geomesh.arrays.table import Table
+from geomesh.mesh.topology import boundary_edges
+from geomesh.pipeline.nodes import wanted_nodes
+from geomesh.pipeline.start import grid_spacing
+from geomesh.refine.refine import Settings, block_size, refine_to_nodes, start_part
+from geomesh.refine.units import even_units
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Floats
+    from geomesh.mesh.triangle_mesh import TriangleMesh
+    from geomesh.parallel.progress import Progress
+    from geomesh.parallel.workers import Workers
+    from geomesh.raster.pixels import Pixels
+    from geomesh.raster.scene import Scene
+    from geomesh.recipe import Recipe
+    from geomesh.refine.refine import Refined
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A refined mesh, and what refinement says about it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Without statistics.
+    values : float64 (N, B)
+        Values of the linear surface at its nodes.
+    budget : int or None
+        Number of nodes that was wanted, or the most that were allowed.
+    reached : bool
+        Whether the goal was reached.
+    note : str
+        Why it was not.
+    """
+
+    mesh: TriangleMesh
+    values: Floats
+    budget: int | None
+    reached: bool
+    note: str
+
+
+def refine_scene(
+    mesh: TriangleMesh,
+    scene: Scene,
+    recipe: Recipe,
+    overview: Pixels,
+    workers: Workers,
+    progress: Progress,
+    *,
+    is_late: Callable[[], bool],
+) -> Outcome:
+    """Refine a mesh to the goal of a recipe.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The start: see `geomesh.pipeline.start.start_nodes`.
+    scene : Scene
+    recipe : Recipe
+    overview : (B, h, w), bool (h, w)
+        Some of the pixels, and which of them are valid.
+    workers : Workers
+    progress : callable(fraction, message)
+    is_late : callable
+        Whether to end early.
+    """
+    pixels = mesh.domain.valid_pixels
+    budget = recipe.node_budget(pixels)
+    wanted = wanted_nodes(recipe, pixels)
+    flips = mesh.grid.flips
+    triangles = mesh.triangles[:, [0, 2, 1]] if flips else mesh.triangles
+    kinds = mesh.node_table["kind"]
+    stays = (kinds == "feature") & recipe.keep_features
+    start = start_part(mesh.nodes, triangles, mesh.constraints, stays, len(scene.bands))
+    settings = Settings(recipe.min_angle, recipe.model, recipe.effort)
+    refined = refine_to_nodes(
+        start,
+        scene,
+        even_units(*overview),
+        settings,
+        wanted,
+        size=block_size(pixels, wanted, grid_spacing(pixels, wanted)),
+        workers=workers,
+        is_late=is_late,
+        progress=progress,
+    )
+    count = len(refined.nodes)
+    note = ""
+    if not refined.in_time:
+        note = f"the time was over before refinement was: {count} nodes"
+    elif budget is not None and count != budget:
+        note = (
+            f"the outline alone needs {count} nodes, more than the {budget} requested"
+            if count > budget
+            else f"{count} of the {budget} requested nodes: no more fit where the surface differs "
+            "from the raster"
+        )
+    triangles = refined.triangles[:, [0, 2, 1]] if flips else refined.triangles
+    shaped = replace(
+        mesh,
+        nodes=refined.nodes,
+        triangles=np.ascontiguousarray(triangles),
+        constraints=refined.constraints,
+        node_table=_nodes_of(mesh, refined),
+    )
+    return Outcome(shaped, refined.values, budget, not note, note)
+
+
+def _nodes_of(mesh: TriangleMesh, refined: Refined) -> Table:
+    """Return the columns of the refined nodes. Features keep theirs if they did not move."""
+    source = refined.came_from
+    stayed = source >= 0
+    stayed[stayed] = (mesh.nodes[source[stayed]] == refined.nodes[stayed]).all(axis=1)
+    is_feature = np.zeros(len(source), np.bool_)
+    is_feature[stayed] = mesh.node_table["kind"][source[stayed]] == "feature"
+    on_line, on_border = np.zeros((2, len(source)), np.bool_)
+    on_line[refined.constraints] = True
+    on_border[boundary_edges(refined.triangles)] = True
+    kind = np.where(is_feature, "feature", "refined").astype("<U9")
+    kind[on_line] = "breakline"
+    kind[on_border] = "border"
+    columns: dict[str, NDArray[Any]] = {"kind": kind}
+    known = np.flatnonzero(is_feature & ~on_line)
+    for name in ("scale", "response", "octave", "angle"):
+        columns[name] = np.full(len(source), np.nan, np.float32)
+        columns[name][known] = mesh.node_table[name][source[known]]
+    return Table(columns)
