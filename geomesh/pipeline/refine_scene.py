@@ -11,11 +11,15 @@ from geomesh.arrays.table import Table
 from geomesh.mesh.topology import boundary_edges
 from geomesh.pipeline.nodes import wanted_nodes
 from geomesh.pipeline.start import grid_spacing
-from geomesh.refine.refine import Settings, block_size, refine_to_nodes, start_part
+from geomesh.refine.passes import Crew
+from geomesh.refine.plan import refine_to_nodes, refine_to_rmse
+from geomesh.refine.refined import start_part
+from geomesh.refine.settings import Settings, block_size
 from geomesh.refine.units import even_units
+from geomesh.surface.record import limits_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,7 +30,8 @@ if TYPE_CHECKING:
     from geomesh.raster.pixels import Pixels
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
-    from geomesh.refine.refine import Refined
+    from geomesh.refine.parts import Part
+    from geomesh.refine.refined import Refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,37 +84,14 @@ def refine_scene(
     is_late : callable
         Whether to end early.
     """
-    pixels = mesh.domain.valid_pixels
-    budget = recipe.node_budget(pixels)
-    wanted = wanted_nodes(recipe, pixels)
     flips = mesh.grid.flips
     triangles = mesh.triangles[:, [0, 2, 1]] if flips else mesh.triangles
-    kinds = mesh.node_table["kind"]
-    stays = (kinds == "feature") & recipe.keep_features
+    stays = (mesh.node_table["kind"] == "feature") & recipe.keep_features
     start = start_part(mesh.nodes, triangles, mesh.constraints, stays, len(scene.bands))
-    settings = Settings(recipe.min_angle, recipe.model, recipe.effort)
-    refined = refine_to_nodes(
-        start,
-        scene,
-        even_units(*overview),
-        settings,
-        wanted,
-        size=block_size(pixels, wanted, grid_spacing(pixels, wanted)),
-        workers=workers,
-        is_late=is_late,
-        progress=progress,
-    )
-    count = len(refined.nodes)
-    note = ""
+    budget = recipe.node_budget(mesh.domain.valid_pixels)
+    refined, note = _reach_goal(start, mesh, scene, recipe, overview, workers, progress, is_late)
     if not refined.in_time:
-        note = f"the time was over before refinement was: {count} nodes"
-    elif budget is not None and count != budget:
-        note = (
-            f"the outline alone needs {count} nodes, more than the {budget} requested"
-            if count > budget
-            else f"{count} of the {budget} requested nodes: no more fit where the surface differs "
-            "from the raster"
-        )
+        note = f"the time was over before refinement was: {len(refined.nodes)} nodes"
     triangles = refined.triangles[:, [0, 2, 1]] if flips else refined.triangles
     shaped = replace(
         mesh,
@@ -119,6 +101,45 @@ def refine_scene(
         node_table=_nodes_of(mesh, refined),
     )
     return Outcome(shaped, refined.values, budget, not note, note)
+
+
+def _reach_goal(
+    start: Part,
+    mesh: TriangleMesh,
+    scene: Scene,
+    recipe: Recipe,
+    overview: Pixels,
+    workers: Workers,
+    progress: Progress,
+    is_late: Callable[[], bool],
+) -> tuple[Refined, str]:
+    """Return the refined mesh, and why it does not reach the goal; empty if it does."""
+    pixels = mesh.domain.valid_pixels
+    budget, wanted = recipe.node_budget(pixels), wanted_nodes(recipe, pixels)
+    settings = Settings(recipe.min_angle, recipe.model, recipe.effort)
+    size = block_size(pixels, wanted, grid_spacing(pixels, wanted))
+    limits = limits_of(recipe, len(scene.bands))
+    crew = Crew(scene, even_units(*overview), workers, size, is_late)
+    if recipe.rmse is not None:
+        most = budget or pixels
+        refined, reached = refine_to_rmse(crew, settings, start, limits, wanted, most, progress)
+        note = f"an rmse of {_each(limits)} needs more than {len(refined.nodes)} nodes"
+        return refined, "" if reached else note
+    refined = refine_to_nodes(crew, settings, start, wanted, progress)
+    count = len(refined.nodes)
+    if budget is None or count == budget:
+        return refined, ""
+    if count > budget:
+        return refined, f"the outline alone needs {count} nodes, more than the {budget} requested"
+    return refined, (
+        f"{count} of the {budget} requested nodes: no more fit where the surface differs from the "
+        "raster"
+    )
+
+
+def _each(limits: Sequence[float]) -> str:
+    """Return the limits of the bands as text: one number if all are equal."""
+    return ", ".join(f"{limit:g}" for limit in dict.fromkeys(limits))
 
 
 def _nodes_of(mesh: TriangleMesh, refined: Refined) -> Table:
