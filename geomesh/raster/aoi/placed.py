@@ -1,4 +1,4 @@
-"""Placed polygons: how coordinates go from polygons to the pixels of a grid, and back."""
+"""Placed shapes: how coordinates go from shapes to the pixels of a grid, and back."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pyproj import CRS
 
     from geomesh.arrays.types import Mask, Points
-    from geomesh.raster.aoi.polygons import Polygons
     from geomesh.raster.grid import Grid
+    from geomesh.raster.shapes import Shapes
 
 # Longitudes may differ by a few whole turns: one source counts from -180, another to 360.
 _MOST_TURNS = 3
@@ -30,7 +30,7 @@ _MOST_TURNS = 3
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Polygons on the pixels of a grid.
+    """Polygons or lines on the pixels of a grid.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ class Placed:
         From the CRS of the grid to that of the area. None if they are the same.
     """
 
-    area: Polygons
+    area: Shapes
     grid: Grid
     transformer: Transformer | None
 
     @classmethod
-    def of(cls, area: Polygons, grid: Grid, name: str) -> Placed:
+    def of(cls, area: Shapes, grid: Grid, name: str) -> Placed:
         """Place an area on the grid of the raster `name`.
 
         Raises
@@ -58,14 +58,14 @@ class Placed:
         if grid.crs is None:
             raise GeoreferenceError(
                 f"{area.name} is in {crs_label(area.crs)} but {name} has no CRS; georeference the "
-                "raster, or give a mask without a CRS in the raster's coordinates"
+                f"raster, or give a {area.parameter} without a CRS in the raster's coordinates"
             )
         try:
             transformer = Transformer.from_crs(grid.crs, area.crs, always_xy=True)
         except ProjError as error:
             raise GeoreferenceError(
                 f"{area.name} is in the CRS {area.crs.name!r}, and there is no transformation to "
-                f"it from the CRS of {name}, {grid.crs.name!r}; save the mask in that CRS"
+                f"it from the CRS of {name}, {grid.crs.name!r}; save it in that CRS"
             ) from error
         return cls(area, grid, transformer)
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Sides are cut until the middle of each piece is at most this far from its chord, in pixels,
 # and no piece is longer than the second number, unless it jumps.
 _BEND = 0.25
-_PIECE = 64.0
+LONGEST_PIECE = 64.0
 
 # So often is a side cut in two. What is still long then is a jump, as at the antimeridian.
 _LEVELS = 24
@@ -50,7 +50,9 @@ def near_cells(placed: Placed) -> NDArray[np.int64]:
             return placed.to_pixel(xy, turn)
 
         straight = placed.transformer is None
-        pieces = (locate(start), locate(stop)) if straight else _follow(start, stop, locate, size)
+        pieces = (locate(start), locate(stop))
+        if not straight:
+            pieces = follow(start, stop, locate, size)[:2]
         found.append(_cells(*_clip(*pieces, size), size))
     return np.unique(np.concatenate(found)) if found else np.empty(0, np.int64)
 
@@ -63,10 +65,30 @@ def _sides(placed: Placed) -> tuple[Points, Points]:
     return xy[:-1][same], xy[1:][same]
 
 
-def _follow(start: Points, stop: Points, locate: Locate, size: Floats) -> tuple[Points, Points]:
-    """Return pieces of sides in pixels, which follow the curves that sides are on the grid."""
-    begins, ends = [], []
+def follow(
+    start: Points, stop: Points, locate: Locate, size: Floats
+) -> tuple[Points, Points, Floats]:
+    """Return pieces of sides in pixels, which follow the curves that sides are on the grid.
+
+    Parameters
+    ----------
+    start, stop : float64 (S, 2)
+        The ends of the sides, in the CRS of the area.
+    locate : callable
+        Converts such coordinates to pixel-edge coordinates; inf if impossible.
+    size : float64 (2,)
+        Width and height of the grid. Pieces beside it are left out.
+
+    Returns
+    -------
+    begins, ends : float64 (P, 2)
+        In pixel-edge coordinates. A piece that is longer than `LONGESTLONGEST_PIECE` is a jump.
+    places : float64 (P,)
+        Where each piece begins: the number of its side, and as fraction the share of the side.
+    """
+    begins, ends, places = [], [], []
     a, b, pa, pb = start, stop, locate(start), locate(stop)
+    place = np.arange(len(a), dtype=np.float64)
     for level in range(_LEVELS + 1):
         middle = (a + b) / 2
         pm = locate(middle)
@@ -78,18 +100,20 @@ def _follow(start: Points, stop: Points, locate: Locate, size: Floats) -> tuple[
             low = np.minimum(np.minimum(pa, pb), pm) - reach[:, None]
             high = np.maximum(np.maximum(pa, pb), pm) + reach[:, None]
             near = ((high >= 0) & (low <= size)).all(axis=1)
-            rough = (bend > _BEND) | (chord > _PIECE)
+            rough = (bend > _BEND) | (chord > LONGEST_PIECE)
         gone = lost == 3
         cut = (near & rough & (lost == 0)) | ((lost > 0) & ~gone)
         cut |= gone & (np.count_nonzero(gone) < _FEW)
         ready = near & (lost == 0) & ~(cut & (level < _LEVELS))
         begins.append(pa[ready])
         ends.append(pb[ready])
+        places.append(place[ready])
+        place = np.concatenate([place[cut], place[cut] + 0.5 ** (level + 1)])
         a, b = np.vstack([a[cut], middle[cut]]), np.vstack([middle[cut], b[cut]])
         pa, pb = np.vstack([pa[cut], pm[cut]]), np.vstack([pm[cut], pb[cut]])
         if not len(a):
             break
-    return np.vstack(begins), np.vstack(ends)
+    return np.vstack(begins), np.vstack(ends), np.concatenate(places)
 
 
 def _clip(start: Points, stop: Points, size: Floats) -> tuple[Points, Points]:
