@@ -121,6 +121,8 @@ def mesh_raster(
     bounds: tuple[float, float, float, float] | None = None,
     mask: Any = None,
     mask_layer: str | None = None,
+    breaklines: Any = None,
+    breaklines_layer: str | None = None,
     name: str | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -157,6 +159,11 @@ def mesh_raster(
         longitude and latitude.
     mask_layer : str, optional
         The layer to use, if `mask` is a file with several.
+    breaklines : path, GeoDataFrame, GeoSeries, shapely geometry, GeoJSON mapping, WKT or "canny"
+        Lines that become edges of the mesh, and rings of polygons, in any CRS, as for `mask`.
+        "canny": the long, strong edges of the image. Optional.
+    breaklines_layer : str, optional
+        The layer to use, if `breaklines` is a file with several.
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
     workers : int, optional
@@ -188,6 +195,7 @@ def mesh_raster(
     (500, True)
     """
     from geomesh.parallel.workers import open_workers
+    from geomesh.pipeline.breaklines import read_breaklines
     from geomesh.pipeline.mesh_scene import mesh_scene
 
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
@@ -203,8 +211,9 @@ def mesh_raster(
         mask_layer=mask_layer,
         name=name,
     )
+    lines = read_breaklines(breaklines, breaklines_layer, scene, recipe)
     with reporting(progress) as report, open_workers(workers, executor) as pool:
-        return Mesh.of(mesh_scene(scene, recipe, pool, report))
+        return Mesh.of(mesh_scene(scene, recipe, pool, report, breaklines=lines))
 
 
 def read_mesh(path: str | PathLike[str]) -> Mesh:

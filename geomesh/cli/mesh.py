@@ -48,6 +48,17 @@ class _Plan:
 @raster_options
 @layer_options
 @click.option(
+    "--breaklines",
+    metavar="FILE|canny",
+    help="Lines that become edges of the mesh: a file of lines or polygons, or WKT. canny: the "
+    "long, strong edges of the image.",
+)
+@click.option(
+    "--breaklines-layer",
+    metavar="LAYER",
+    help="The layer of lines to use, if the file has several.",
+)
+@click.option(
     "--stats",
     "statistics",
     callback=words(STATISTICS),
@@ -128,7 +139,10 @@ def _plan(
     """Return one job for each source. Raise OutputError if an output would replace an input."""
     recipe = build_recipe(**recipe_options)
     paths, folder = _choose_outputs(sources, output, writing["driver"])
-    protect_inputs(paths, [*sources, reading["mask"], recipe_options["recipe_file"]])
+    protect_inputs(
+        paths,
+        [*sources, reading["mask"], writing["breaklines"], recipe_options["recipe_file"]],
+    )
     new_folder = folder if folder is not None and _make_folder(folder) else None
     jobs = (
         MeshJob(source, path, recipe, reading=reading, **writing)

@@ -8,6 +8,7 @@ import numpy as np
 import pythoncdt
 
 from geomesh.arrays.jit import int32, int64, kernel, reads, uint32, writes
+from geomesh.delaunay.inside import keep_inside
 from geomesh.delaunay.ties import break_ties
 from geomesh.errors import CertificateError, one_line
 from geomesh.mesh.topology import FILL, edge_keys
@@ -42,8 +43,14 @@ class Patch(NamedTuple):
     neighbours: Triangles
 
 
-def triangulate_points(points: Points, segments: NDArray[np.integer] | None = None) -> Patch:
+def triangulate_points(
+    points: Points,
+    segments: NDArray[np.integer] | None = None,
+    lines: NDArray[np.integer] | None = None,
+) -> Patch:
     """Triangulate points (N, 2); with segments (S, 2), only the area inside their loops.
+
+    Segments `lines` (L, 2) become edges too, but they bound nothing.
 
     `geomesh.delaunay.ties` breaks cocircular ties, so the set of triangles depends only on
     the points and the segments.
@@ -62,16 +69,25 @@ def triangulate_points(points: Points, segments: NDArray[np.integer] | None = No
     points = np.ascontiguousarray(points, np.float64)
     order = _along_curve(points)
     engine.insert_vertices(points[order])
-    fixed = np.empty(0, np.int64)
+    fixed = loops = np.empty(0, np.int64)
+    if lines is not None and not len(lines):
+        lines = None
     if segments is not None:
-        fixed = _constrain(engine, order, segments)
-    auxiliary = _AUXILIARY if segments is None else 0
+        fixed = loops = _constrain(engine, order, segments)
+        if lines is None:
+            engine.erase_outer_triangles_and_holes()
+        else:
+            fixed = np.union1d(fixed, _constrain(engine, order, lines))
+    auxiliary = _AUXILIARY if segments is None or lines is not None else 0
     raw = engine.triangles_array(copy=False)
     vertices, across = np.ascontiguousarray(raw["vertices"]), np.ascontiguousarray(raw["neighbors"])
     place = np.empty(len(vertices), np.int32)
     triangles, neighbours = np.empty((2, len(vertices), 3), np.int32)
     count = _take_triangles(vertices, across, auxiliary, order, place, triangles, neighbours)
     triangles, neighbours = triangles[:count], neighbours[:count]
+    if lines is not None:
+        # The engine would take a closed line for the border of a hole.
+        triangles, neighbours = keep_inside(triangles, neighbours, loops)
     break_ties(points, triangles, neighbours, fixed)
     return Patch(triangles, neighbours)
 
@@ -89,24 +105,30 @@ def spans_area(points: Points) -> bool:
 
 
 def _constrain(engine: Any, order: Ids, segments: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Insert the segments and erase the triangles outside their loops.
-
-    Return the keys of the edges that are fixed.
-    """
+    """Insert segments, and return the keys of the edges that they are."""
     place = np.empty(len(order), np.uintc)
     place[order] = np.arange(len(order), dtype=np.uintc)
     try:
         engine.insert_edges(place[segments])
     except RuntimeError as error:
         raise CertificateError(
-            f"the outline of the data crosses itself ({one_line(error)}). This is a defect of "
-            "geomesh: please report it with the source raster"
+            f"the outline of the data, or a breakline, crosses itself ({one_line(error)}). This is "
+            "a defect of geomesh: please report it with the source raster"
         ) from error
-    engine.erase_outer_triangles_and_holes()
     # The engine splits a segment that goes through a point. This is rare.
-    pieces = [(edge.v1, edge.v2) for edge, _ in engine.piece_to_originals_iter()]
-    split = order[np.array(pieces, np.intp).reshape(-1, 2)]
-    return np.unique(edge_keys(np.concatenate([segments, split])))
+    keys = edge_keys(segments)
+    split = [
+        each
+        for each, originals in engine.piece_to_originals_iter()
+        if np.isin(edge_keys(np.array([_ends(o, order) for o in originals])), keys).any()
+    ]
+    pieces = np.array([_ends(each, order) for each in split], np.int64).reshape(-1, 2)
+    return np.unique(np.concatenate([keys, edge_keys(pieces)]))
+
+
+def _ends(edge: Any, order: Ids) -> tuple[int, int]:
+    """Return the points of an edge of the engine, before its super-triangle is erased."""
+    return int(order[edge.v1 - _AUXILIARY]), int(order[edge.v2 - _AUXILIARY])
 
 
 def _along_curve(points: Points) -> Ids:

@@ -78,6 +78,7 @@ def triangulate_by_tiles(
     segments: NDArray[np.integer] | None,
     tile_points: int,
     executor: Executor | None = None,
+    lines: NDArray[np.integer] | None = None,
 ) -> list[Triangles]:
     """Return the same triangles as `triangulate_points`, in parts, in no particular order.
 
@@ -92,13 +93,16 @@ def triangulate_by_tiles(
     executor : concurrent.futures.Executor, optional
         Its threads process tiles in parallel. By default tiles are processed one after
         the other.
+    lines : int (L, 2), optional
+        Other segments that must be edges; with `segments` only.
     """
     order, stops, boxes = split(points, max(tile_points, 1))
     tiles = list(zip(np.split(order, stops[:-1]), boxes, strict=True))
-    work = partial(_settle_tile, points, segments)
+    every = segments if segments is None or lines is None else np.concatenate([segments, lines])
+    work = partial(_settle_tile, points, every)
     found = list(executor.map(work, tiles) if executor else map(work, tiles))
     del order, tiles
-    return _join(points, segments, found)
+    return _join(points, segments, lines, found)
 
 
 def _settle_tile(
@@ -141,12 +145,15 @@ def _exclude_touched(
 def _join(
     points: NDArray[np.float64],
     segments: NDArray[np.integer] | None,
+    lines: NDArray[np.integer] | None,
     found: list[_Settled],
 ) -> list[Triangles]:
     """Triangulate the residual points and insert the settled triangles."""
     residual = np.sort(np.concatenate([tile.residual for tile in found]))
-    chosen = None if segments is None else np.searchsorted(residual, segments)
-    patch = triangulate_points(points[residual], chosen)
+    chosen, also = (
+        None if pairs is None else np.searchsorted(residual, pairs) for pairs in (segments, lines)
+    )
+    patch = triangulate_points(points[residual], chosen, also)
     borders = [np.searchsorted(residual, tile.border).astype(np.int32) for tile in found]
     places = _find_half_edges(patch.triangles, np.concatenate(borders))
     covered = _flood(patch.neighbours, places)

@@ -59,13 +59,14 @@ def delaunay(points: NDArray[np.float64], *, executor: Executor | None = None) -
     """
     if not spans_area(points):
         return Triangulation(np.empty((0, 3), np.int32), np.empty(0, np.intp))
-    return _triangulate(points, None, executor)
+    return _triangulate(points, None, None, executor)
 
 
 def constrained_delaunay(
     points: NDArray[np.float64],
     segments: NDArray[np.integer],
     *,
+    lines: NDArray[np.integer] | None = None,
     executor: Executor | None = None,
 ) -> Triangulation:
     """Return the constrained Delaunay triangulation of the area inside closed loops.
@@ -80,6 +81,9 @@ def constrained_delaunay(
         Distinct.
     segments : int (S, 2)
         Pairs of points that together form closed loops; they must not cross.
+    lines : int (L, 2), optional
+        Pairs of points that must be edges too, but bound nothing. They must not cross each
+        other or the segments.
     executor : concurrent.futures.Executor, optional
         Its threads process the tiles of large sets in parallel. By default tiles are
         processed one after the other.
@@ -89,20 +93,21 @@ def constrained_delaunay(
     CertificateError
         If segments cross.
     """
-    return _triangulate(points, segments, executor)
+    return _triangulate(points, segments, lines, executor)
 
 
 def _triangulate(
     points: NDArray[np.float64],
     segments: NDArray[np.integer] | None,
+    lines: NDArray[np.integer] | None,
     executor: Executor | None,
 ) -> Triangulation:
     if len(points) > TILED_ABOVE:
         from geomesh.delaunay.tiled import triangulate_by_tiles
 
-        parts = triangulate_by_tiles(points, segments, TILE_POINTS, executor)
+        parts = triangulate_by_tiles(points, segments, TILE_POINTS, executor, lines)
     else:
-        parts = [triangulate_points(points, segments).triangles]
+        parts = [triangulate_points(points, segments, lines).triangles]
     return _in_order(parts, len(points))
 
 

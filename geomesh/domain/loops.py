@@ -200,31 +200,37 @@ def loop_area(loop: NDArray[np.float64]) -> float:
     return float(x @ np.roll(y, -1) - np.roll(x, -1) @ y) / 2
 
 
-def subdivide(loop: NDArray[np.float64], spacing: float, inside: cKDTree) -> NDArray[np.float64]:
-    """Return the loop with added nodes, whose density depends on the nodes inside.
+def subdivide(
+    line: NDArray[np.float64], spacing: float, inside: cKDTree, *, closed: bool = True
+) -> NDArray[np.float64]:
+    """Return a line with added nodes, whose density depends on the other nodes.
 
     A segment is halved while it is longer than `spacing` and longer than the distance from
-    its midpoint to the nearest inner node. So neighbouring nodes of the outline are about as
-    far from each other as from the inner nodes, and triangles at the border are well shaped.
+    its midpoint to the nearest other node. So neighbouring nodes of the line are about as
+    far from each other as from the other nodes, and triangles beside it are well shaped.
 
     Parameters
     ----------
-    loop : float64 (k, 2)
+    line : float64 (k, 2)
     spacing : float
         Segments up to this length are not divided, in pixels.
     inside : cKDTree
-        The other nodes of the mesh. If there are none, the loop is returned unchanged.
+        The other nodes of the mesh. If there are none, the line is returned unchanged.
+    closed : bool
+        Whether a segment joins the last point to the first.
     """
     if inside.n == 0:
-        return loop
-    # The start of each segment as a position along the loop: number of the corner + fraction.
-    start, length = np.arange(len(loop), dtype=np.float64), 1.0
-    following = np.roll(loop, -1, axis=0)
+        return line
+    # The start of each segment as a position along the line: number of the corner + fraction.
+    start, length = np.arange(len(line), dtype=np.float64), 1.0
+    following = np.roll(line, -1, axis=0)
     places = [start]
+    if not closed:
+        start = start[:-1]
     while len(start):
         corner = start.astype(np.intp)
-        side = following[corner] - loop[corner]
-        middle = loop[corner] + side * (start - corner + length / 2)[:, None]
+        side = following[corner] - line[corner]
+        middle = line[corner] + side * (start - corner + length / 2)[:, None]
         size = np.hypot(*side.T) * length
         near, _ = inside.query(middle)
         split = start[size > np.maximum(spacing, near)]
@@ -234,5 +240,5 @@ def subdivide(loop: NDArray[np.float64], spacing: float, inside: cKDTree) -> NDA
     place = np.sort(np.concatenate(places))
     corner = place.astype(np.intp)
     share = (place - corner)[:, None]
-    points: NDArray[np.float64] = loop[corner] + share * (following[corner] - loop[corner])
+    points: NDArray[np.float64] = line[corner] + share * (following[corner] - line[corner])
     return points

@@ -60,10 +60,17 @@ class WeakEdges(NamedTuple):
         Number of the component of each pixel in `window`, from 1; 0 is no edge.
     window : Window
         The tile's core and a seam around it.
+    rows, cols : int64 (P,)
+        The edge pixels, in pixels of the image.
+    magnitude : int32 (P,)
+        Their gradients: see `_magnitude`.
     """
 
     labels: NDArray[np.int32]
     window: Window
+    rows: NDArray[np.int64]
+    cols: NDArray[np.int64]
+    magnitude: NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -96,10 +103,10 @@ def canny_edges(
         valid = np.ones(gray.shape, np.bool_)
     height, width = gray.shape
     whole = Window(0, 0, width, height)
-    (labels, _), partial = tile_edges(
+    weak, partial = tile_edges(
         gray, valid, Tile(whole, whole), thresholds, image_width=width, seam=1
     )
-    edges: NDArray[np.bool_] = partial.strong[labels]
+    edges: NDArray[np.bool_] = partial.strong[weak.labels]
     return edges
 
 
@@ -184,7 +191,8 @@ def tile_edges(
     shared = (rows < inner.row) | (rows >= inner.stop_row)
     shared |= (cols < inner.col) | (cols >= inner.stop_col)
     pixels = rows[shared].astype(np.int64) * image_width + cols[shared]
-    return WeakEdges(labels, window), EdgePartial(strong, pixels, label[shared])
+    weak_edges = WeakEdges(labels, window, rows, cols, magnitude)
+    return weak_edges, EdgePartial(strong, pixels, label[shared])
 
 
 def unite(partials: Sequence[EdgePartial]) -> list[NDArray[np.bool_]]:

@@ -17,6 +17,7 @@ from geomesh.features.canny import (
     tile_edges,
     unite,
 )
+from geomesh.features.chains import EdgePixels, WeakPixels, join_pixels
 from geomesh.features.filters import resize
 from geomesh.features.gray_image import ArrayGray, GrayImage
 from geomesh.features.sift import Keypoints, detect_sift, labels_around
@@ -67,12 +68,15 @@ class Detection:
     survey : Survey
     thresholds : Thresholds
         The Canny thresholds that were used.
+    edges : EdgePixels, optional
+        The pixels of Canny edges, if they were asked for.
     """
 
     keypoints: Keypoints
     size: tuple[int, int]
     survey: Survey
     thresholds: Thresholds
+    edges: EdgePixels | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,7 @@ class _TileFeatures:
         component is an edge is known only after `unite`.
     edges : EdgePartial
     survey : Survey
+    pixels : WeakPixels, optional
     """
 
     keypoints: Keypoints
@@ -98,6 +103,7 @@ class _TileFeatures:
     open_label: NDArray[np.intp]
     edges: EdgePartial
     survey: Survey
+    pixels: WeakPixels | None = None
 
     def on_edges(self, is_edge: NDArray[np.bool_]) -> Keypoints:
         """Return the keypoints near an edge. `is_edge` (K + 1,) marks the components that are."""
@@ -107,7 +113,12 @@ class _TileFeatures:
 
 
 def detect_keypoints(
-    image: GrayImage, recipe: Recipe, workers: Workers, progress: Progress
+    image: GrayImage,
+    recipe: Recipe,
+    workers: Workers,
+    progress: Progress,
+    *,
+    keep_edges: bool = False,
 ) -> Detection:
     """Find the keypoints of a gray image that lie on its Canny edges.
 
@@ -118,6 +129,8 @@ def detect_keypoints(
     recipe : Recipe
     workers : Workers
     progress : callable(fraction, message)
+    keep_edges : bool
+        Return the edge pixels too.
     """
     survey = None
     if recipe.resize is not None:
@@ -129,7 +142,7 @@ def detect_keypoints(
     thresholds = canny_thresholds(image, recipe)
     parts = list(
         map_tiles(
-            _DetectFeatures(recipe, thresholds),
+            _DetectFeatures(recipe, thresholds, keep_edges),
             ((image.excerpt(tile.read), tile) for tile in tiles),
             len(tiles),
             workers,
@@ -144,6 +157,9 @@ def detect_keypoints(
         size=(extent.width, extent.height),
         survey=survey or _join([part.survey for part in parts]),
         thresholds=thresholds,
+        edges=join_pixels([part.pixels for part in parts if part.pixels is not None], is_edge)
+        if keep_edges
+        else None,
     )
 
 
@@ -199,6 +215,7 @@ class _DetectFeatures:
 
     recipe: Recipe
     thresholds: Thresholds
+    keep_edges: bool
 
     def __call__(self, task: tuple[GrayImage, Tile]) -> _TileFeatures:
         image, tile = task
@@ -213,6 +230,8 @@ class _DetectFeatures:
             image_width=image.extent.width,
             seam=int(distance) + 2,
         )
+        width, l2 = image.extent.width, thresholds.l2
+        pixels = WeakPixels.of(weak, partial, tile, width, l2=l2) if self.keep_edges else None
         seen = (
             canny_edges(gray, thresholds, valid) * np.uint8(255)
             if recipe.sift_source == "edges"
@@ -227,7 +246,7 @@ class _DetectFeatures:
         if recipe.edge_distance is None:
             nothing = np.empty(0, np.intp)
             certain = np.ones(len(keypoints), np.bool_)
-            return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey)
+            return _TileFeatures(keypoints, certain, nothing, nothing, partial, survey, pixels)
         # Keep only those labels around keypoints that depend on other tiles. Otherwise memory
         # would grow with the area of the disc.
         labels = labels_around(keypoints.xy, weak.labels, weak.window, distance)
@@ -238,7 +257,7 @@ class _DetectFeatures:
         keypoints, labels, certain = keypoints.take(near), labels[near], certain[near]
         point, column = np.nonzero(leaves[labels] & ~certain[:, None])
         open_label = labels[point, column].astype(np.intp)
-        return _TileFeatures(keypoints, certain, point, open_label, partial, survey)
+        return _TileFeatures(keypoints, certain, point, open_label, partial, survey, pixels)
 
 
 def _in_core(points: NDArray[np.float64], tile: Tile) -> NDArray[np.bool_]:

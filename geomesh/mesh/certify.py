@@ -41,6 +41,7 @@ def certify(
     pixels: PixelCounts | None = None,
     edges: Edges | None = None,
     delaunay: bool = True,
+    breaklines: bool = False,
 ) -> Certificate:
     """Check a triangulation and return its certificate.
 
@@ -62,6 +63,8 @@ def certify(
         The edges of the triangles, if they are known.
     delaunay : bool
         False for a refined mesh, whose edges follow the image.
+    breaklines : bool
+        Whether constraints may also be inside: they are breaklines.
     """
     missing = int(np.count_nonzero((triangles < 0) | (triangles >= len(nodes))))
     if missing:
@@ -80,7 +83,7 @@ def certify(
         _check_orientation(areas),
         _check_manifold(edges),
         _check_area(float(areas.sum()), domain.area),
-        _check_boundary(edges, constraints, fixed, domain),
+        _check_boundary(edges, constraints, fixed, domain, breaklines=breaklines),
         _check_euler(used, len(triangles), edges, domain),
         _check_angles(angle_sums, edges, domain),
         *([_check_delaunay(plane, triangles, edges, fixed)] if delaunay else []),
@@ -141,13 +144,22 @@ def _check_area(area: float, expected: float) -> Check:
 
 
 def _check_boundary(
-    edges: Edges, constraints: NDArray[np.int32], fixed: NDArray[np.intp], domain: DomainFacts
+    edges: Edges,
+    constraints: NDArray[np.int32],
+    fixed: NDArray[np.intp],
+    domain: DomainFacts,
+    *,
+    breaklines: bool,
 ) -> Check:
     boundary = edges.nodes[edges.uses == 1]
     missing = int(np.count_nonzero(fixed == FILL))
     stray = 0
     if domain.kind != "hull":
-        stray = len(np.setxor1d(edge_keys(boundary), edge_keys(constraints)))
+        found = fixed[fixed != FILL]
+        inner = found[edges.uses[found] == 2]
+        outline = np.setdiff1d(edge_keys(constraints), edge_keys(edges.nodes[inner]))
+        stray = len(np.setxor1d(edge_keys(boundary), outline))
+        stray += 0 if breaklines else len(inner)
     return Check(
         "the boundary is the domain's outline, and every constraint is an edge",
         missing == 0 and stray == 0,

@@ -82,6 +82,29 @@ class CannyThresholds:
 
 
 @dataclass(frozen=True)
+class BreaklineFacts:
+    """The breaklines of a mesh.
+
+    Parameters
+    ----------
+    name : str
+        What they were read from; "canny" for edges of the image.
+    digest : str
+        The same for the same lines in the same CRS, wherever they are stored.
+    lines, vertices : int
+        Number of chains in the mesh, and of their points before nodes were added along them.
+    length : float
+        Of all chains, in pixels.
+    """
+
+    name: str
+    digest: str
+    lines: int
+    vertices: int
+    length: float
+
+
+@dataclass(frozen=True)
 class Provenance:
     """How a mesh was made.
 
@@ -97,6 +120,7 @@ class Provenance:
         Versions of geomesh and of the libraries that can change a result.
     refinement : Refinement, optional
         The goal of the refinement, and what the mesh reaches; None if it was not refined.
+    breaklines : BreaklineFacts, optional
     """
 
     recipe: Recipe
@@ -106,6 +130,7 @@ class Provenance:
     warnings: tuple[str, ...]
     versions: Mapping[str, str]
     refinement: Refinement | None = None
+    breaklines: BreaklineFacts | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "versions", dict(self.versions))
@@ -125,6 +150,7 @@ class Provenance:
             },
             "pixels": asdict(self.pixels),
             "canny": asdict(self.canny),
+            "breaklines": None if self.breaklines is None else asdict(self.breaklines),
             "warnings": list(self.warnings),
             "versions": dict(self.versions),
             **refined,
@@ -143,6 +169,7 @@ class Provenance:
         nodata = source["nodata"]
         # Only refined meshes have this.
         refinement = values.get("refinement")
+        lines = values.get("breaklines")
         return cls(
             recipe=Recipe.from_dict(values["recipe"]),
             source=SourceRaster(
@@ -160,4 +187,5 @@ class Provenance:
             warnings=tuple(values["warnings"]),
             versions=dict(values["versions"]),
             refinement=None if refinement is None else Refinement.from_dict(refinement),
+            breaklines=BreaklineFacts(**lines) if lines is not None else None,
         )

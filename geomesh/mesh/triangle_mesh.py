@@ -46,7 +46,7 @@ class TriangleMesh:
     domain : DomainFacts
         The area that the mesh covers.
     constraints : int32 (C, 2)
-        Pairs of nodes that must be edges: the outline.
+        Pairs of nodes that must be edges: the outline, and inside of it the breaklines.
     plane_size : (int, int), optional
         Width and height of the image that the pipeline worked on. Lengths and angles are
         measured in its plane. By default the size of the source.
@@ -160,6 +160,7 @@ class TriangleMesh:
             pixels=pixels,
             edges=self.edges if self.triangles.min(initial=0) >= 0 else None,
             delaunay=refinement is None,
+            breaklines=self.provenance is not None and self.provenance.breaklines is not None,
         )
         if refinement is None or math.isnan(certificate.min_angle):
             return certificate

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from geomesh.parameters import LayerName
+    from geomesh.raster.lines import PixelLines
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
@@ -32,6 +33,7 @@ def find_made(
     path: Path,
     scene: Scene,
     recipe: Recipe,
+    breaklines: PixelLines | None = None,
     *,
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
@@ -47,6 +49,8 @@ def find_made(
     scene : Scene
         The scene from which the job would make the mesh.
     recipe : Recipe
+    breaklines : PixelLines, optional
+        The breaklines that the mesh would have.
     layers, driver
         As in `geomesh.io.write.write_mesh`.
     """
@@ -57,10 +61,15 @@ def find_made(
         grid = document["mesh"]["grid"]
     except (GeomeshError, ValueError, KeyError, TypeError, OSError, RuntimeError):
         return "is not a complete mesh file of geomesh"
-    if made.recipe != recipe:
-        return "was made with another recipe"
-    if not _is_same(made.source, source_of(scene)) or grid != describe_grid(scene.grid):
-        return f"was not made from the same pixels of {scene.name}"
+    is_same = _is_same(made.source, source_of(scene)) and grid == describe_grid(scene.grid)
+    digests = {None if lines is None else lines.digest for lines in (breaklines, made.breaklines)}
+    for differs, how in (
+        (made.recipe != recipe, "was made with another recipe"),
+        (not is_same, f"was not made from the same pixels of {scene.name}"),
+        (len(digests) > 1, "was made with other breaklines"),
+    ):
+        if differs:
+            return how
     try:
         for name in choose_layers(layers, file_format):
             if file_format.count_rows(path, name) != counts[name]:

@@ -32,6 +32,8 @@ class MeshJob:
         same recipe.
     reading : mapping
         Keywords of `geomesh.raster.open.open_scene`.
+    breaklines, breaklines_layer
+        See `geomesh.pipeline.breaklines.read_breaklines`.
     """
 
     source: Source
@@ -42,6 +44,8 @@ class MeshJob:
     overwrite: bool = False
     skip_existing: bool = False
     reading: Mapping[str, Any] = field(default_factory=dict)
+    breaklines: Any = None
+    breaklines_layer: str | None = None
 
 
 @dataclass(frozen=True)

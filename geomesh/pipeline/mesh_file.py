@@ -11,6 +11,7 @@ from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import CORE
 from geomesh.pipeline.attributes import count_columns
+from geomesh.pipeline.breaklines import read_breaklines
 from geomesh.pipeline.existing import find_made
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
 from geomesh.pipeline.mesh_scene import mesh_scene
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from geomesh.io.gdal_process import WriterPool
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.workers import Workers
+    from geomesh.raster.lines import PixelLines
     from geomesh.raster.scene import Scene
 
 # For scenes with at least this number of pixels, separate processes write the layers. They
@@ -63,7 +65,8 @@ def open_job(job: MeshJob) -> Scene | MeshSummary:
     scene = open_scene(job.source, **job.reading)
     if not keep:
         return scene
-    made = find_made(job.output, scene, job.recipe, layers=job.layers, driver=job.driver)
+    lines = _read_breaklines(job, scene)
+    made = find_made(*(job.output, scene, job.recipe, lines), layers=job.layers, driver=job.driver)
     if isinstance(made, str):
         if job.overwrite:
             return scene
@@ -81,6 +84,7 @@ def mesh_opened(
 ) -> MeshSummary:
     """Mesh a scene that `open_job` returned: see `mesh_file`."""
     _require_room(job, scene)
+    lines = _read_breaklines(job, scene)
     is_large = scene.grid.width * scene.grid.height >= _LARGE
     with open_writer(
         job.output,
@@ -95,12 +99,20 @@ def mesh_opened(
                 trim_memory()  # detection needed more memory than the next steps
             writer.begin(shaped)
 
-        mesh = mesh_scene(scene, job.recipe, workers, part_of(progress, 0, 0.8), shaped=begin)
+        mesh = mesh_scene(
+            *(scene, job.recipe, workers, part_of(progress, 0, 0.8)),
+            breaklines=lines,
+            shaped=begin,
+        )
         if is_large:
             trim_memory()  # all pixels are read: GDAL's cache is no longer needed
         writer.finish(mesh, part_of(progress, 0.8, 1))
     warnings = mesh.provenance.warnings if mesh.provenance is not None else ()
     return MeshSummary(len(mesh.nodes), len(mesh.triangles), warnings)
+
+
+def _read_breaklines(job: MeshJob, scene: Scene) -> PixelLines | None:
+    return read_breaklines(job.breaklines, job.breaklines_layer, scene, job.recipe)
 
 
 def _require_room(job: MeshJob, scene: Scene) -> None:

@@ -12,6 +12,7 @@ import cv2
 import numba
 import numpy as np
 import rasterio
+import shapely
 
 from geomesh._version import __version__
 from geomesh.arrays.jit import prepare_kernels
@@ -31,6 +32,7 @@ from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.pipeline.attributes import describe
+from geomesh.pipeline.breaklines import CANNY
 from geomesh.pipeline.nodes import NodeSet, place_nodes, wanted_nodes
 from geomesh.pipeline.refine_scene import refine_scene
 from geomesh.pipeline.start import grid_spacing, start_nodes
@@ -43,12 +45,13 @@ if TYPE_CHECKING:
     from geomesh.arrays.types import Triangles
     from geomesh.parallel.workers import Workers
     from geomesh.raster.grid import Grid
+    from geomesh.raster.lines import PixelLines
     from geomesh.raster.pixels import Pixels
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
 # Libraries on which a result may depend, in addition to geomesh itself.
-_LIBRARIES = (cv2, numba, np, rasterio)
+_LIBRARIES = (cv2, numba, np, rasterio, shapely)
 
 # Share of the progress until the triangulation that detection has if the mesh is refined.
 _SHARE_OF_DETECTION = 0.3
@@ -64,6 +67,7 @@ def mesh_scene(
     workers: Workers,
     progress: Progress,
     *,
+    breaklines: PixelLines | None = None,
     shaped: Callable[[TriangleMesh], None] | None = None,
     is_late: Callable[[], bool] | None = None,
 ) -> TriangleMesh:
@@ -75,13 +79,17 @@ def mesh_scene(
     recipe : Recipe
     workers : Workers
     progress : callable(fraction, message)
+    breaklines : PixelLines, optional
+        From `geomesh.pipeline.breaklines.read_breaklines`. It stays here, because the tiles do
+        not need it.
     shaped : callable(TriangleMesh), optional
         Called with the mesh as soon as its geometry is final, before it has statistics.
     is_late : callable, optional
         Whether refinement should end early.
     """
     _require_reach(scene, workers)
-    notes = (*scene.notes, *_notes_on_memory(scene, recipe))
+    own = breaklines.notes if breaklines is not None else ()
+    notes = (*scene.notes, *own, *_notes_on_memory(scene, recipe))
     _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
@@ -92,14 +100,16 @@ def mesh_scene(
         tone = _tone_of(scene, recipe, overview)
         image = SceneGray(scene, tone, recipe.sobel)
         share = _SHARE_OF_DETECTION if recipe.refine else 1.0
-        found = part_of(progress, 0.05, 0.05 + 0.63 * share)
-        detection = detect_keypoints(image, recipe, workers, found)
+        detection = detect_keypoints(
+            *(image, recipe, workers, part_of(progress, 0.05, 0.05 + 0.63 * share)),
+            keep_edges=breaklines is not None and breaklines.digest == CANNY,
+        )
         is_known.wait()
         if not later_stages.done():
             progress(0.7 * share, "Compiling, once")
         later_stages.result()
         progress(0.7 * share, "Triangulating")
-        nodes = place_nodes(detection, scene.grid, recipe)
+        nodes = place_nodes(detection, scene.grid, recipe, breaklines)
         if recipe.refine:
             pixels = nodes.domain.valid_pixels
             spacing = grid_spacing(pixels, wanted_nodes(recipe, pixels))
@@ -137,6 +147,7 @@ def mesh_scene(
             warnings=(*notes, *later_notes),
             versions=versions(),
             refinement=described.refinement,
+            breaklines=nodes.breaklines,
         ),
     )
 
@@ -238,7 +249,8 @@ def triangulate_nodes(
     """
     plane = nodes.points * (plane_size[0] / grid.width, plane_size[1] / grid.height)
     if len(nodes.segments):
-        triangles, used = constrained_delaunay(plane, nodes.segments, executor=threads)
+        outline, lines = nodes.segments[~nodes.is_breakline], nodes.segments[nodes.is_breakline]
+        triangles, used = constrained_delaunay(plane, outline, lines=lines, executor=threads)
     else:
         triangles, used = delaunay(plane, executor=threads)
     new_id = np.full(len(nodes.points), -1, np.int32)
@@ -247,8 +259,14 @@ def triangulate_nodes(
     if grid.flips:
         triangles = triangles[:, [0, 2, 1]]
     # In the order of the edges, which is the order when a mesh is read from a file.
-    segments = np.unique(np.sort(new_id[nodes.segments], axis=1), axis=0).reshape(-1, 2)
+    segments, first = np.unique(
+        np.sort(new_id[nodes.segments], axis=1).reshape(-1, 2), axis=0, return_index=True
+    )
     kept = replace(
-        nodes, points=nodes.points[used], table=nodes.table.take(used), segments=segments
+        nodes,
+        points=nodes.points[used],
+        table=nodes.table.take(used),
+        segments=segments,
+        is_breakline=nodes.is_breakline[first],
     )
     return kept, np.ascontiguousarray(triangles)

@@ -11,16 +11,20 @@ from numpy.typing import NDArray
 
 from geomesh.arrays.table import Table
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
+from geomesh.domain.breaklines import Laid
 from geomesh.domain.loops import describe_domain, frame, loop_area, simplify, subdivide
 from geomesh.domain.outline import drop_small_loops, trace
 from geomesh.features.detect import SEAM, Detection
 from geomesh.features.sift import Keypoints, spread_evenly, thin
 from geomesh.mesh.certificate import DomainFacts
+from geomesh.pipeline.breaklines import away_from, divide_chains, fit_breaklines
 from geomesh.raster.grid import Grid, snap
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
+    from geomesh.mesh.provenance import BreaklineFacts
+    from geomesh.raster.lines import PixelLines
     from geomesh.recipe import Recipe
 
 # The distance to the third nearest node is close to the length of an edge. The query for
@@ -53,21 +57,29 @@ class NodeSet:
     table : Table
         Columns kind, scale, response, octave and angle; the last four are NaN on the border.
     segments : int32 (S, 2)
-        Pairs of points that must be edges: the outline.
+        Pairs of points that must be edges: the outline and the breaklines.
+    is_breakline : bool (S,)
+        Which of them are breaklines.
     domain : DomainFacts
     notes : tuple of str
         Warnings for the user about the choice of nodes.
+    breaklines : BreaklineFacts, optional
+        None if the user gave none.
     """
 
     points: NDArray[np.float64]
     table: Table
     segments: NDArray[np.int32]
+    is_breakline: NDArray[np.bool_]
     domain: DomainFacts
     notes: tuple[str, ...] = ()
+    breaklines: BreaklineFacts | None = None
 
 
-def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
-    """Choose the feature nodes and add the nodes of the outline.
+def place_nodes(
+    detection: Detection, grid: Grid, recipe: Recipe, breaklines: PixelLines | None = None
+) -> NodeSet:
+    """Choose the feature nodes and add the nodes of the outline and of breaklines.
 
     Parameters
     ----------
@@ -76,6 +88,8 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
         The pixel grid of the source.
     recipe : Recipe
         Used are min_spacing, nodes, domain, border_spacing and min_hole.
+    breaklines : PixelLines, optional
+        From `geomesh.pipeline.breaklines.read_breaklines`.
     """
     features = _features(detection, grid, recipe)
     thinned = len(detection.keypoints) - len(features)
@@ -95,18 +109,25 @@ def place_nodes(detection: Detection, grid: Grid, recipe: Recipe) -> NodeSet:
         # Remove keypoints outside the outline: dropped islands are not part of the domain, and
         # the pixels of a resized image do not follow the outline.
         features = features.take(_inside(features.xy, loops))
+    laid, lines = Laid(loops, []), None
+    if breaklines is not None:
+        budget = recipe.node_budget(facts.valid_pixels)
+        laid, lines, more = fit_breaklines(breaklines, detection, loops, budget)
+        notes += more
+        features = features.take(away_from(laid.chains, features.xy, recipe.min_spacing))
     from scipy.spatial import cKDTree  # takes a while to import
 
     # An unbalanced tree takes half the time to build and gives the same distances.
     inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
     spacing = recipe.border_spacing or _median_spacing(inner)
-    border = [_lattice_loop(subdivide(loop, spacing, inner), recipe) for loop in loops]
+    border = [_lattice_loop(subdivide(loop, spacing, inner), recipe) for loop in laid.loops]
     facts = replace(facts, area=sum(map(loop_area, border)))
-    taken = _distinct(border)
+    pieces = divide_chains(laid.chains, border, spacing, inner)
+    taken = len(_unite(np.concatenate([*border, *pieces]))[0])
     if facts.kind == recipe.domain:
-        notes += _notes_on_number(len(features), taken, recipe, facts, thinned)
+        notes += _notes_on_number(len(features), taken, recipe, facts, thinned, len(pieces) > 0)
     chosen = _strongest(features, recipe, facts, taken=taken)
-    return replace(_join(chosen, border, facts), notes=tuple(notes))
+    return replace(_join(chosen, border, facts, pieces), notes=tuple(notes), breaklines=lines)
 
 
 def wanted_nodes(recipe: Recipe, valid_pixels: int) -> int:
@@ -126,13 +147,19 @@ def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
 
 
 def _notes_on_number(
-    features: int, border: int, recipe: Recipe, facts: DomainFacts, thinned: int
+    features: int,
+    border: int,
+    recipe: Recipe,
+    facts: DomainFacts,
+    thinned: int,
+    has_breaklines: bool,
 ) -> list[str]:
     if recipe.refine:
         return []  # refinement says how many nodes there are
     budget = recipe.node_budget(facts.valid_pixels)
     if budget is not None and border > budget:
-        return [f"the outline alone needs {border} nodes, more than the {budget} requested"]
+        what = "outline and breaklines need" if has_breaklines else "outline alone needs"
+        return [f"the {what} {border} nodes, more than the {budget} requested"]
     if features == 0:
         text = "no keypoints found (the image may be constant): the mesh is the outline only"
         return [text if recipe.sobel else f"{text}; if it is not, `sobel=True` gives more"]
@@ -242,24 +269,33 @@ def _lattice_loop(loop: NDArray[np.float64], recipe: Recipe) -> NDArray[np.float
     return loop if recipe.resize is not None else snap(loop)
 
 
-def _distinct(loops: Loops) -> int:
-    return len(_unite(np.concatenate(loops))[0])
+_NO_PIECES = np.empty((0, 2, 2))
 
 
-def _join(features: Keypoints, loops: Loops, facts: DomainFacts) -> NodeSet:
-    """Merge features and loops into one set of points, sorted by y, then x."""
+def _join(
+    features: Keypoints, loops: Loops, facts: DomainFacts, pieces: NDArray[np.float64] = _NO_PIECES
+) -> NodeSet:
+    """Merge features, loops and pieces of breaklines (P, 2, 2) into one set of points.
+
+    It is sorted by y, then x.
+    """
     border = np.concatenate([*loops, np.empty((0, 2))])
-    points, position = _unite(np.concatenate([border, features.xy]))
-    segments = position[_around(loops)]
-    is_border = np.zeros(len(points), np.bool_)
-    is_border[position[: len(border)]] = True
-    columns: dict[str, NDArray[Any]] = {"kind": np.where(is_border, "border", "feature")}
+    fixed = np.concatenate([border, pieces.reshape(-1, 2)])
+    points, position = _unite(np.concatenate([fixed, features.xy]))
+    segments = np.concatenate(
+        [position[_around(loops)], position[len(border) : len(fixed)].reshape(-1, 2)]
+    )
+    is_breakline = np.arange(len(segments)) >= len(border)
+    kind = np.full(len(points), "feature", "U9" if len(pieces) else "U7")
+    kind[position[len(border) : len(fixed)]] = "breakline"
+    kind[position[: len(border)]] = "border"
+    columns: dict[str, NDArray[Any]] = {"kind": kind}
     for name in ("scale", "response", "octave", "angle"):
         column = np.full(len(points), np.nan, np.float32)
-        column[position[len(border) :]] = getattr(features, name)
-        column[is_border] = np.nan
+        column[position[len(fixed) :]] = getattr(features, name)
+        column[kind != "feature"] = np.nan
         columns[name] = column
-    return NodeSet(points, Table(columns), segments.astype(np.int32), facts)
+    return NodeSet(points, Table(columns), segments.astype(np.int32), is_breakline, facts)
 
 
 def _unite(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
