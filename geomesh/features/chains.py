@@ -102,7 +102,7 @@ class Chain(NamedTuple):
     xy : float64 (k, 2)
         Centres of the pixels, in pixel-edge coordinates.
     strength : float
-        Sum of the gradients.
+        Mean of the gradients, in gray levels, times the diagonal of the box around the chain.
     """
 
     xy: Points
@@ -140,10 +140,13 @@ def follow_chains(edges: EdgePixels, width: int) -> list[Chain]:
     visits, starts = _walk(around)
     visits = origin[visits]
     long = np.flatnonzero(np.diff(starts) >= SHORTEST_CHAIN)
-    total = np.concatenate([[0], np.cumsum(strength[visits].astype(np.int64))])
-    total = total[starts[1:]] - total[starts[:-1]]
-    ranked = long[np.lexsort((place[visits[starts[long]]], -total[long]))]
-    return [Chain(xy[visits[starts[k] : starts[k + 1]]], float(total[k])) for k in ranked]
+    chains = []
+    for k in long:
+        pixels = visits[starts[k] : starts[k + 1]]
+        # The extent, not the length: a coast goes far, and an edge of texture turns around.
+        extent = np.hypot(*np.ptp(xy[pixels], axis=0))
+        chains.append(Chain(xy[pixels], float(strength[pixels].mean() * extent)))
+    return sorted(chains, key=lambda chain: (-chain.strength, *chain.xy[0, ::-1].tolist()))
 
 
 def choose_chains(costs: Floats, budget: float) -> Mask:
