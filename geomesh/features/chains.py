@@ -1,27 +1,17 @@
-"""Chains of Canny edge pixels: long, strong edges as lines, the same for any tiles.
-
-Each tile keeps the edge pixels of its core as coordinates. They are joined when all tiles are
-known, so chains do not end at the borders of tiles.
-"""
+"""Chains of Canny edge pixels: long, strong edges as lines, the same for any tiles."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from geomesh.arrays.jit import boolean, int32, int64, kernel, reads, writes
+from geomesh.features.edge_pixels import SHORTEST_CHAIN
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from geomesh.arrays.types import Counts, Floats, Ids, Mask, Points
-    from geomesh.features.canny import EdgePartial, WeakEdges
-    from geomesh.parallel.tiles import Tile
-
-# Chains with fewer pixels are not long enough to be breaklines.
-SHORTEST_CHAIN = 32
+    from geomesh.features.edge_pixels import EdgePixels, Strengths
 
 # Branches with fewer pixels and a free end are cut off, so that they do not divide long chains.
 _SPUR = 8
@@ -31,67 +21,11 @@ _SPUR = 8
 _IN_LINE = -0.5
 _REACH = 6
 
+# Chains of so many pixels are followed at once: they need about 170 bytes each. Chains of images
+# with more are cut at some rows of the image.
+_AT_ONCE = 2_000_000
+
 _NONE = -1
-
-
-@dataclass(frozen=True, eq=False)
-class EdgePixels:
-    """Edge pixels of an image.
-
-    Attributes
-    ----------
-    place : int64 (P,)
-        row * (width of the image) + column.
-    strength : uint16 (P,)
-        Gradient in gray levels.
-    """
-
-    place: Counts
-    strength: np.ndarray[tuple[int], np.dtype[np.uint16]]
-
-
-@dataclass(frozen=True, eq=False)
-class WeakPixels:
-    """The pixels of a tile's core that are edges or may be: see `EdgePixels`.
-
-    Attributes
-    ----------
-    pixels : EdgePixels
-    label : int32 (P,)
-        The component of each pixel in this tile.
-    """
-
-    pixels: EdgePixels
-    label: Ids
-
-    @classmethod
-    def of(
-        cls, weak: WeakEdges, partial: EdgePartial, tile: Tile, image_width: int, *, l2: bool
-    ) -> WeakPixels:
-        """Return the pixels of a core, without components that certainly are too short."""
-        label = weak.labels[weak.rows - weak.window.row, weak.cols - weak.window.col]
-        leaves = np.zeros(len(partial.strong), np.bool_)
-        leaves[partial.seam_labels] = True
-        size = np.bincount(label, minlength=len(leaves))
-        may_be = leaves | (partial.strong & (size >= SHORTEST_CHAIN))
-        core = tile.core
-        kept = may_be[label]
-        kept &= (weak.rows >= core.row) & (weak.rows < core.stop_row)
-        kept &= (weak.cols >= core.col) & (weak.cols < core.stop_col)
-        magnitude = weak.magnitude[kept]
-        strength = np.rint(np.sqrt(magnitude) if l2 else magnitude).astype(np.uint16)
-        place = weak.rows[kept].astype(np.int64) * image_width + weak.cols[kept]
-        return cls(EdgePixels(place, strength), label[kept])
-
-
-def join_pixels(parts: Sequence[WeakPixels], is_edge: Sequence[Mask]) -> EdgePixels:
-    """Return the edge pixels of all tiles, in order; `is_edge` marks the components that are."""
-    kept = [edge[part.label] for part, edge in zip(parts, is_edge, strict=True)]
-    both = list(zip(parts, kept, strict=True))
-    place = np.concatenate([part.pixels.place[keep] for part, keep in both])
-    strength = np.concatenate([part.pixels.strength[keep] for part, keep in both])
-    order = np.argsort(place)
-    return EdgePixels(place[order], strength[order])
 
 
 class Chain(NamedTuple):
@@ -123,9 +57,31 @@ def follow_chains(edges: EdgePixels, width: int) -> list[Chain]:
     width : int
         Width of the image.
     """
-    place, strength = edges.place, edges.strength
-    if not len(place):
-        return []
+    chains = [
+        chain
+        for part in _stripes(edges.place, width)
+        for chain in _chains_of(edges.place[part], edges.strength[part], width)
+    ]
+    return sorted(chains, key=lambda chain: (-chain.strength, *chain.xy[0, ::-1].tolist()))
+
+
+def _stripes(place: Counts, width: int) -> list[slice]:
+    """Return stripes of whole rows with about `_AT_ONCE` pixels. Two share a row, where they meet.
+
+    So the two parts of a chain meet in a pixel.
+    """
+    stripes, start = [], 0
+    while start < len(place):
+        last = place[min(start + _AT_ONCE, len(place)) - 1] // width
+        stop = int(np.searchsorted(place, (last + 1) * width))
+        again = int(np.searchsorted(place, last * width))
+        stripes.append(slice(start, stop))
+        start = again if start < again and stop < len(place) else stop
+    return stripes
+
+
+def _chains_of(place: Counts, strength: Strengths, width: int) -> list[Chain]:
+    """Return the chains of a part of the pixels, in no particular order: see `follow_chains`."""
     visits, starts = _walk(_links(place, width))
     uses = np.bincount(visits, minlength=len(place))
     sizes, first, last = np.diff(starts), visits[starts[:-1]], visits[starts[1:] - 1]
@@ -146,7 +102,7 @@ def follow_chains(edges: EdgePixels, width: int) -> list[Chain]:
         # The extent, not the length: a coast goes far, and an edge of texture turns around.
         extent = np.hypot(*np.ptp(xy[pixels], axis=0))
         chains.append(Chain(xy[pixels], float(strength[pixels].mean() * extent)))
-    return sorted(chains, key=lambda chain: (-chain.strength, *chain.xy[0, ::-1].tolist()))
+    return chains
 
 
 def choose_chains(costs: Floats, budget: float) -> Mask:
@@ -157,15 +113,13 @@ def choose_chains(costs: Floats, budget: float) -> Mask:
 
 def _links(place: Counts, width: int) -> Ids:
     """Return the neighbours (P, 8) to which pixels are joined, clockwise from the right."""
-    row, col = np.divmod(place, width)
-    steps = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+    col = place % width
     around = np.full((len(place), 8), _NONE, np.int32)
-    for k, (down, right) in enumerate(steps):
-        wanted = place + down * width + right
+    for k, (down, right) in enumerate(((0, 1), (1, 1), (1, 0), (1, -1))):
+        wanted = place + (down * width + right)
         at = np.minimum(np.searchsorted(place, wanted), len(place) - 1)
-        known = (col + right >= 0) & (col + right < width) & (row + down >= 0)
-        known &= place[at] == wanted
-        around[known, k] = at[known]
+        here = np.flatnonzero((place[at] == wanted) & (col + right >= 0) & (col + right < width))
+        around[here, k], around[at[here], k + 4] = at[here], here
     # The even ones share a side.
     beside = around[:, ::2] != _NONE
     for k in range(4):
@@ -203,14 +157,20 @@ def _straightened(around: Ids, xy: Points, visits: Counts, starts: Counts) -> tu
     np.minimum.at(best, pair.T.ravel(), np.tile(np.arange(len(pair)), 2))
     mutual = (best[pair] == np.arange(len(pair))[:, None]).all(axis=1)
     pair = pair[mutual]
-    # The row that owns each link of a pixel.
-    owner = np.repeat(np.arange(len(around), dtype=np.int32)[:, None], 8, axis=1)
-    added = np.arange(len(pair), dtype=np.int32) + len(around)
-    for side in pair.T:
-        owner[pixel[side], slot[side]] = added
-    row, k = np.nonzero(around != _NONE)
-    found = np.full((len(around) + len(pair), 8), _NONE, np.int32)
-    found[owner[row, k], k] = owner[around[row, k], (k + 4) % 8]
+    # The links that a new row takes over from a pixel, as 8 * pixel + direction, in order.
+    taken = (8 * pixel + slot)[pair].ravel()
+    owner = np.repeat(np.arange(len(pair)) + len(around), 2)
+    order = np.argsort(taken)
+    taken, owner = taken[order], owner[order]
+    row, k = np.divmod(taken, 8)
+    other, back = around[row, k], (k + 4) % 8
+    place = np.minimum(np.searchsorted(taken, 8 * other + back), len(taken) - 1)
+    there = np.where(taken[place] == 8 * other + back, owner[place], other) if len(taken) else other
+    found = np.concatenate([around, np.full((len(pair), 8), _NONE, np.int32)])
+    found[other, back] = owner
+    found[owner, k] = there
+    found[there, back] = owner
+    found[row, k] = _NONE
     return found, np.concatenate([np.arange(len(around)), pixel[pair[:, 0]]])
 
 

@@ -17,7 +17,7 @@ from geomesh.features.canny import (
     tile_edges,
     unite,
 )
-from geomesh.features.chains import EdgePixels, WeakPixels, join_pixels
+from geomesh.features.edge_pixels import EdgePixels, WeakPixels, join_pixels
 from geomesh.features.filters import resize
 from geomesh.features.gray_image import ArrayGray, GrayImage
 from geomesh.features.sift import Keypoints, detect_sift, labels_around
