@@ -275,7 +275,6 @@ def without_crossings(outline: Points, pieces: Points) -> Mask:
         Segments of the outline.
     pieces : float64 (S, 2, 2)
     """
-    kept = np.ones(len(pieces), np.bool_)
     every = np.concatenate([outline, pieces])
     shapes = shapely.linestrings(every)
     one, other = shapely.STRtree(shapes).query(shapes[len(outline) :], predicate="intersects")
@@ -293,5 +292,7 @@ def without_crossings(outline: Points, pieces: Points) -> Mask:
     u = every[one[index], 1 - first] - every[one[index], first]
     v = every[other[index], 1 - second] - every[other[index], second]
     bad[index] = (u[:, 0] * v[:, 1] == u[:, 1] * v[:, 0]) & ((u * v).sum(axis=1) > 0)
-    kept[one[bad] - len(outline)] = False
-    return kept
+    kept = np.ones(len(every), np.bool_)
+    for k in np.flatnonzero(bad)[np.argsort(one[bad], kind="stable")]:  # few, or none
+        kept[one[k]] &= not kept[other[k]]
+    return kept[len(outline) :]

@@ -215,7 +215,7 @@ class _DetectFeatures:
 
     recipe: Recipe
     thresholds: Thresholds
-    keep_edges: bool
+    keep_edges: bool = False
 
     def __call__(self, task: tuple[GrayImage, Tile]) -> _TileFeatures:
         image, tile = task
