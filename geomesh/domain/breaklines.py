@@ -288,7 +288,7 @@ def without_crossings(outline: Points, pieces: Points) -> Mask:
     # With a common end, they must not have the same direction.
     index = np.flatnonzero(shared)
     first = common[index].any(axis=2).argmax(axis=1)
-    second = common[index].any(axis=1).argmax(axis=1)
+    second = common[index, first].argmax(axis=1)
     u = every[one[index], 1 - first] - every[one[index], first]
     v = every[other[index], 1 - second] - every[other[index], second]
     bad[index] = (u[:, 0] * v[:, 1] == u[:, 1] * v[:, 0]) & ((u * v).sum(axis=1) > 0)
