@@ -39,14 +39,21 @@ class Graded(NamedTuple):
         The given points come first.
     segments : int32 (S, 2)
         Pairs of points; a given segment may be in several pieces.
+    is_line : bool (S,)
+        Which of the segments are lines inside the domain.
     """
 
     points: Points
     segments: Ids
+    is_line: Mask
 
 
 def grade(
-    points: Points, segments: Ids, min_angle: float, threads: Executor | None = None
+    points: Points,
+    segments: Ids,
+    is_line: Mask,
+    min_angle: float,
+    threads: Executor | None = None,
 ) -> Graded:
     """Add nodes, and split segments, until no angle is below `min_angle` where that is possible.
 
@@ -59,13 +66,17 @@ def grade(
         On the lattice.
     segments : int32 (S, 2)
         The outline, and lines inside it.
+    is_line : bool (S,)
+        Which of the segments are lines.
     min_angle : float
         In degrees, up to about 25.
     threads : Executor, optional
     """
     limit = math.sin(math.radians(min_angle))
     for _ in range(_MOST_ROUNDS):
-        triangles, _ = constrained_delaunay(points, segments, executor=threads)
+        triangles, _ = constrained_delaunay(
+            points, segments[~is_line], lines=segments[is_line], executor=threads
+        )
         corner, shortest = _sharpest(points, triangles, segments, limit)
         if not len(corner):
             break
@@ -88,8 +99,9 @@ def grade(
                 np.column_stack([places, other]),
             ]
         ).astype(np.int32)
+        is_line = np.concatenate([np.delete(is_line, split), is_line[split], is_line[split]])
         points, segments = _distinct(points, segments)
-    return Graded(points, segments)
+    return Graded(points, segments, is_line)
 
 
 def _sharpest(

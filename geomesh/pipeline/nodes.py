@@ -120,6 +120,8 @@ def place_nodes(
     # An unbalanced tree takes half the time to build and gives the same distances.
     inner = cKDTree(_strongest(features, recipe, facts).xy, balanced_tree=False)
     spacing = recipe.border_spacing or _median_spacing(inner)
+    if recipe.refine:
+        spacing = np.inf  # refinement divides the outline where it needs nodes
     border = [_lattice_loop(subdivide(loop, spacing, inner), recipe) for loop in laid.loops]
     facts = replace(facts, area=sum(map(loop_area, border)))
     pieces = divide_chains(laid.chains, border, spacing, inner)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geomesh.arrays.table import Table
-from geomesh.delaunay.grade import grade
+from geomesh.delaunay.grade import Graded, grade
 from geomesh.raster.grid import LATTICE
 
 if TYPE_CHECKING:
@@ -55,16 +55,18 @@ def start_nodes(
         In degrees.
     threads : Executor
     """
-    points, segments = _divided(nodes.points, nodes.segments, spacing)
+    points, segments, owner = _divided(nodes.points, nodes.segments, spacing)
     points = np.concatenate([points, _lattice(grid, spacing, points)])
-    graded = grade(points, segments, min_angle + _MARGIN if min_angle else 0.0, threads)
-    return _joined(nodes, graded.points, graded.segments)
+    is_line = nodes.is_breakline[owner]
+    graded = grade(points, segments, is_line, min_angle + _MARGIN if min_angle else 0.0, threads)
+    return _joined(nodes, graded)
 
 
-def _divided(points: Points, segments: Ids, spacing: float) -> tuple[Points, Ids]:
+def _divided(points: Points, segments: Ids, spacing: float) -> tuple[Points, Ids, NDArray[np.intp]]:
     """Return points and segments, divided into pieces of at most `spacing` where they can be.
 
-    New points lie exactly on the segments and on the lattice.
+    New points lie exactly on the segments and on the lattice. The third result is the number of
+    the segment of which each piece is a part.
     """
     one, other = (np.rint(points[segments[:, k]] * LATTICE).astype(np.int64) for k in (0, 1))
     side = other - one
@@ -85,7 +87,8 @@ def _divided(points: Points, segments: Ids, spacing: float) -> tuple[Points, Ids
     ends = np.append(chain[1:], 0)
     last = np.append(owner[order][1:] != owner[order][:-1], True)
     ends[last] = segments[owner[order][last], 1]
-    return np.concatenate([points, added]), np.column_stack([chain, ends]).astype(np.int32)
+    divided = np.column_stack([chain, ends]).astype(np.int32)
+    return np.concatenate([points, added]), divided, owner[order]
 
 
 def _lattice(grid: Grid, spacing: float, points: Points) -> Points:
@@ -103,17 +106,18 @@ def _lattice(grid: Grid, spacing: float, points: Points) -> Points:
     return chosen
 
 
-def _joined(nodes: NodeSet, points: Points, segments: Ids) -> NodeSet:
+def _joined(nodes: NodeSet, graded: Graded) -> NodeSet:
     """Return the node set with more points, sorted by y, then x."""
+    points, segments = graded.points, graded.segments
     order = np.lexsort((points[:, 0], points[:, 1]))
     number = np.empty(len(order), np.int32)
     number[order] = np.arange(len(order), dtype=np.int32)
-    on_line = np.zeros(len(points), np.bool_)
-    on_line[segments] = True
     old = len(nodes.points)
     columns: dict[str, NDArray[Any]] = {
-        "kind": np.where(on_line, "border", "refined").astype(nodes.table["kind"].dtype)
+        "kind": np.full(len(points), "refined", nodes.table["kind"].dtype)
     }
+    columns["kind"][segments[graded.is_line]] = "breakline"
+    columns["kind"][segments[~graded.is_line]] = "border"
     columns["kind"][:old] = nodes.table["kind"]
     for name in ("scale", "response", "octave", "angle"):
         columns[name] = np.full(len(points), np.nan, np.float32)
@@ -122,5 +126,6 @@ def _joined(nodes: NodeSet, points: Points, segments: Ids) -> NodeSet:
         nodes,
         points=points[order],
         segments=number[segments],
+        is_breakline=graded.is_line,
         table=Table(columns).take(order),
     )
