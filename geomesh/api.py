@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from os import PathLike
     from pathlib import Path
 
-    from geomesh.parameters import Alpha, LayerName
+    from geomesh.parameters import Alpha, Effort, LayerName, Model
     from geomesh.surface.accuracy import Accuracy
     from geomesh.surface.fidelity import Fidelity
     from geomesh.view.stages import Stages
@@ -67,6 +67,72 @@ class Mesh(TriangleMesh):
         return write_mesh(
             self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
         )
+
+    def refine(
+        self,
+        source: Source,
+        *,
+        nodes: int | str | None = None,
+        max_error: float | tuple[float, ...] | None = None,
+        rmse: float | tuple[float, ...] | None = None,
+        min_angle: float = 10.0,
+        model: Model = "linear",
+        effort: Effort = "normal",
+        keep_features: bool = False,
+        alpha: Alpha | None = None,
+        crs: Any = None,
+        time_limit: float | None = None,
+        workers: int | None = None,
+        executor: Executor | None = None,
+        progress: bool | Progress = False,
+    ) -> Mesh:
+        """Return a mesh that shows the raster better: move, add and remove nodes.
+
+        The outline and breaklines stay where they are. The mesh need not be one of geomesh's
+        own; it must pass its certificate.
+
+        Parameters
+        ----------
+        source : path, rasterio dataset, xarray.DataArray, or (array, transform, crs)
+            The raster from which the mesh was made, or another one with the same pixels.
+        nodes, max_error, rmse
+            The goal, as for the preset "adaptive" of `mesh_raster`. Default: nodes="1%".
+        min_angle, model, effort, keep_features
+            As in the recipe: see `Recipe`.
+        alpha, crs, time_limit, workers, executor, progress
+            As in `mesh_raster`.
+
+        Raises
+        ------
+        GeomeshError
+            If the raster cannot be read or does not have the pixels of the mesh, a goal is not
+            valid, or the mesh is not sound.
+
+        Examples
+        --------
+        >>> import geomesh
+        >>> scene = "data_samples/olinda_landsat7_rgb_uint8.tif"
+        >>> mesh = geomesh.mesh_raster(scene, preset="features", nodes=500)
+        >>> len(mesh.refine(scene, nodes=500).nodes)
+        500
+        """
+        from geomesh.parallel.deadline import deadline
+        from geomesh.parallel.workers import open_workers
+        from geomesh.pipeline.refine_mesh import refine_mesh
+        from geomesh.surface.original import open_original
+
+        goals = {
+            "nodes": nodes,
+            "max_error": max_error,
+            "rmse": rmse,
+            "min_angle": min_angle,
+            "model": model,
+            "effort": effort,
+            "keep_features": keep_features,
+        }
+        scene, is_late = open_original(self, source, alpha=alpha, crs=crs), deadline(time_limit)
+        with reporting(progress) as report, open_workers(workers, executor) as pool:
+            return Mesh.of(refine_mesh(self, scene, goals, pool, report, is_late=is_late))
 
     def psnr(self, source: Source, **options: Any) -> Fidelity:
         """Return how faithfully the mesh shows a raster.
@@ -124,6 +190,7 @@ def mesh_raster(
     breaklines: Any = None,
     breaklines_layer: str | None = None,
     name: str | None = None,
+    time_limit: float | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: bool | Progress = False,
@@ -166,6 +233,8 @@ def mesh_raster(
         The layer to use, if `breaklines` is a file with several.
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
+    time_limit : float, optional
+        Seconds after which refinement ends early, with a certified mesh and a warning.
     workers : int, optional
         Number of tiles to process at the same time. Default: one per core. Any number
         gives the same mesh, bit for bit.
@@ -194,6 +263,7 @@ def mesh_raster(
     >>> len(mesh.nodes), mesh.certify().passed
     (500, True)
     """
+    from geomesh.parallel.deadline import deadline
     from geomesh.parallel.workers import open_workers
     from geomesh.pipeline.breaklines import read_breaklines
     from geomesh.pipeline.mesh_scene import mesh_scene
@@ -212,8 +282,10 @@ def mesh_raster(
         name=name,
     )
     lines = read_breaklines(breaklines, breaklines_layer, scene, recipe)
+    is_late = deadline(time_limit)
     with reporting(progress) as report, open_workers(workers, executor) as pool:
-        return Mesh.of(mesh_scene(scene, recipe, pool, report, breaklines=lines))
+        mesh = mesh_scene(scene, recipe, pool, report, breaklines=lines, is_late=is_late)
+        return Mesh.of(mesh)
 
 
 def read_mesh(path: str | PathLike[str]) -> Mesh:

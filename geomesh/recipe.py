@@ -180,11 +180,6 @@ class Recipe:
                     f"{name} is {value!r}, but the preset {self.preset} is not refined: use the "
                     "preset adaptive"
                 )
-        if self.refine and (self.resize is not None or self.domain == "hull"):
-            raise RecipeError(
-                "refine is true: expected domain valid or image, and no resize, because a refined "
-                "mesh covers the pixels of the raster"
-            )
 
     @property
     def budget(self) -> int | str | None:

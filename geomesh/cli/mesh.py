@@ -59,6 +59,12 @@ class _Plan:
     help="The layer of lines to use, if the file has several.",
 )
 @click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="End the refinement of adaptive after this time, with the mesh as it is then.",
+)
+@click.option(
     "--stats",
     "statistics",
     callback=words(STATISTICS),

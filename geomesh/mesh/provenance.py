@@ -113,7 +113,8 @@ class Provenance:
     recipe : Recipe
     source : SourceRaster
     pixels : PixelCounts
-    canny : CannyThresholds
+    canny : CannyThresholds or None
+        None if the mesh was made without edges.
     warnings : tuple of str
         The warnings that the user got.
     versions : mapping of str to str
@@ -126,7 +127,7 @@ class Provenance:
     recipe: Recipe
     source: SourceRaster
     pixels: PixelCounts
-    canny: CannyThresholds
+    canny: CannyThresholds | None
     warnings: tuple[str, ...]
     versions: Mapping[str, str]
     refinement: Refinement | None = None
@@ -149,7 +150,7 @@ class Provenance:
                 "nodata": None if nodata is None else str(nodata),
             },
             "pixels": asdict(self.pixels),
-            "canny": asdict(self.canny),
+            "canny": None if self.canny is None else asdict(self.canny),
             "breaklines": None if self.breaklines is None else asdict(self.breaklines),
             "warnings": list(self.warnings),
             "versions": dict(self.versions),
@@ -166,7 +167,7 @@ class Provenance:
             If an entry is missing or not valid.
         """
         source = values["source"]
-        nodata = source["nodata"]
+        nodata, canny = source["nodata"], values["canny"]
         # Only refined meshes have this.
         refinement = values.get("refinement")
         lines = values.get("breaklines")
@@ -183,7 +184,7 @@ class Provenance:
                 unscale=source.get("unscale", False),
             ),
             pixels=PixelCounts(**values["pixels"]),
-            canny=CannyThresholds(**values["canny"]),
+            canny=None if canny is None else CannyThresholds(**canny),
             warnings=tuple(values["warnings"]),
             versions=dict(values["versions"]),
             refinement=None if refinement is None else Refinement.from_dict(refinement),

@@ -34,6 +34,8 @@ class MeshJob:
         Keywords of `geomesh.raster.open.open_scene`.
     breaklines, breaklines_layer
         See `geomesh.pipeline.breaklines.read_breaklines`.
+    time_limit : float, optional
+        Seconds after which refinement ends early.
     """
 
     source: Source
@@ -46,6 +48,7 @@ class MeshJob:
     reading: Mapping[str, Any] = field(default_factory=dict)
     breaklines: Any = None
     breaklines_layer: str | None = None
+    time_limit: float | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from geomesh.errors import OutputError
 from geomesh.formats.registry import find_format
 from geomesh.io.write import check_output, choose_layers, open_writer
+from geomesh.parallel.deadline import deadline
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import CORE
@@ -102,6 +103,7 @@ def mesh_opened(
         mesh = mesh_scene(
             *(scene, job.recipe, workers, part_of(progress, 0, 0.8)),
             breaklines=lines,
+            is_late=deadline(job.time_limit),
             shaped=begin,
         )
         if is_large:

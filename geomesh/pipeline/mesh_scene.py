@@ -17,7 +17,7 @@ import shapely
 from geomesh._version import __version__
 from geomesh.arrays.jit import prepare_kernels
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
-from geomesh.errors import GeomeshWarning, WorkerError
+from geomesh.errors import GeomeshWarning, RecipeError, WorkerError
 from geomesh.features.detect import detect_keypoints
 from geomesh.features.gray import Tone, fit_tone
 from geomesh.features.gray_image import SceneGray
@@ -30,6 +30,7 @@ from geomesh.mesh.provenance import (
 )
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
+from geomesh.parallel.deadline import never
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.pipeline.attributes import describe
 from geomesh.pipeline.breaklines import CANNY
@@ -69,7 +70,7 @@ def mesh_scene(
     *,
     breaklines: PixelLines | None = None,
     shaped: Callable[[TriangleMesh], None] | None = None,
-    is_late: Callable[[], bool] | None = None,
+    is_late: Callable[[], bool] = never,
 ) -> TriangleMesh:
     """Run all stages on a scene and return the mesh.
 
@@ -88,6 +89,7 @@ def mesh_scene(
         Whether refinement should end early.
     """
     _require_reach(scene, workers)
+    _require_refinable(recipe)
     own = breaklines.notes if breaklines is not None else ()
     notes = (*scene.notes, *own, *_notes_on_memory(scene, recipe))
     _warn(notes)
@@ -97,7 +99,7 @@ def mesh_scene(
     later_stages.add_done_callback(lambda _: is_known.set())
     with scene.open():
         overview = read_overview(scene, workers, part_of(progress, 0, 0.05))
-        tone = _tone_of(scene, recipe, overview)
+        tone = tone_of(scene, recipe, overview)
         image = SceneGray(scene, tone, recipe.sobel)
         share = _SHARE_OF_DETECTION if recipe.refine else 1.0
         detection = detect_keypoints(
@@ -127,9 +129,7 @@ def mesh_scene(
         outcome = None
         if recipe.refine:
             more = part_of(progress, 0.75 * share, 0.8)
-            outcome = refine_scene(
-                mesh, scene, recipe, overview, workers, more, is_late=is_late or never
-            )
+            outcome = refine_scene(mesh, scene, recipe, overview, workers, more, is_late=is_late)
             mesh = outcome.mesh
         if shaped is not None:
             shaped(mesh)
@@ -150,11 +150,6 @@ def mesh_scene(
             breaklines=nodes.breaklines,
         ),
     )
-
-
-def never() -> bool:
-    """Return False: there is no limit of time."""
-    return False
 
 
 def versions() -> dict[str, str]:
@@ -208,6 +203,15 @@ def _require_reach(scene: Scene, workers: Workers) -> None:
         )
 
 
+def _require_refinable(recipe: Recipe) -> None:
+    """Raise RecipeError if a mesh is to be refined that does not cover the raster's pixels."""
+    if recipe.refine and (recipe.resize is not None or recipe.domain == "hull"):
+        raise RecipeError(
+            "`refine` needs the domain valid or image and no resize, because a refined mesh "
+            "covers the pixels of the raster"
+        )
+
+
 def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
     """Return a warning if a recipe cannot work tile by tile and so needs much memory."""
     width, height = recipe.resize or (scene.grid.width, scene.grid.height)
@@ -223,10 +227,11 @@ def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
 
 def scene_tone(scene: Scene, recipe: Recipe, workers: Workers, progress: Progress) -> Tone:
     """Return the tone: how pixel values of the scene become gray levels and colours."""
-    return _tone_of(scene, recipe, read_overview(scene, workers, progress))
+    return tone_of(scene, recipe, read_overview(scene, workers, progress))
 
 
-def _tone_of(scene: Scene, recipe: Recipe, overview: Pixels) -> Tone:
+def tone_of(scene: Scene, recipe: Recipe, overview: Pixels) -> Tone:
+    """Return the tone of a scene from its overview."""
     bands, valid = overview
     numbers = [band.index for band in scene.bands]
     return fit_tone(bands, valid, recipe, rgb=scene.rgb, numbers=numbers)
