@@ -11,17 +11,20 @@ from geomesh.arrays.table import Table
 from geomesh.errors import RecipeError
 from geomesh.features.overview import read_overview
 from geomesh.mesh.provenance import Provenance
-from geomesh.mesh.topology import boundary_edges
+from geomesh.mesh.topology import boundary_edges, edge_keys
 from geomesh.parallel.progress import part_of
 from geomesh.pipeline.attributes import describe
-from geomesh.pipeline.mesh_scene import source_of, tone_of, versions
+from geomesh.pipeline.mesh_scene import source_of, tone_of, triangulate_nodes, versions
+from geomesh.pipeline.nodes import NodeSet, wanted_nodes
 from geomesh.pipeline.refine_scene import refine_scene
+from geomesh.pipeline.start import grid_spacing, start_nodes
 from geomesh.raster.areas import signed_areas
 from geomesh.raster.grid import snap
 from geomesh.recipe import Recipe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from concurrent.futures import Executor
 
     from numpy.typing import NDArray
 
@@ -63,7 +66,7 @@ def refine_mesh(
     made = mesh.provenance
     recipe = Recipe(preset="adaptive") if made is None else made.recipe
     recipe = recipe.with_values(refine=True, **goals)
-    start = _sound(mesh)
+    start = _start(mesh, recipe, workers.local)
     with scene.open():
         overview = read_overview(scene, workers, part_of(progress, 0, 0.05))
         tone = tone_of(scene, recipe, overview)
@@ -87,42 +90,65 @@ def refine_mesh(
     )
 
 
-def _sound(mesh: TriangleMesh) -> TriangleMesh:
-    """Return a mesh to start with: certified, on the lattice, its boundary constrained."""
+def _start(mesh: TriangleMesh, recipe: Recipe, threads: Executor) -> TriangleMesh:
+    """Return a mesh to start with: the nodes, outline and lines of `mesh`, without small angles.
+
+    Its nodes lie on the lattice of 1/256 pixel.
+    """
+    certificate = mesh.certify()
+    if not certificate.passed:
+        failed = "; ".join(check.name for check in certificate.checks if not check.passed)
+        raise RecipeError(f"the mesh cannot be refined, because this is not true: {failed}")
+    border = np.sort(boundary_edges(mesh.triangles), axis=1)
     nodes = snap(mesh.nodes)
+    if mesh.domain.kind == "hull":
+        # A hull follows no pixels. Its sides can be divided if they run between half pixels.
+        nodes[border] = np.rint(nodes[border] * 2) / 2
     areas = signed_areas(nodes, mesh.triangles)
     if mesh.grid.flips:
         areas = -areas
-    certificate = mesh.certify()
-    if not certificate.passed or not (areas > 0).all():
-        failed = [check.name for check in certificate.checks if not check.passed]
+    if not (areas > 0).all():
         raise RecipeError(
-            "the mesh cannot be refined: "
-            + (
-                "; ".join(f"not true: {name}" for name in failed)
-                or "nodes are closer than 1/256 px"
-            )
-            + "; make it again"
+            "the mesh cannot be refined, because some of its triangles are thinner than 1/256 "
+            "pixel, or 1/2 pixel at its hull"
         )
-    border = np.sort(boundary_edges(mesh.triangles), axis=1)
-    constraints = np.unique(np.concatenate([np.sort(mesh.constraints, axis=1), border]), axis=0)
-    kinds: dict[str, NDArray[Any]] = {
-        name: mesh.node_table[name]
-        for name in ("kind", "scale", "response", "octave", "angle")
-        if name in mesh.node_table
-    }
-    if len(kinds) < 5:
-        kinds = {"kind": np.full(len(nodes), "refined")}
-        kinds |= {
-            name: np.full(len(nodes), np.nan, np.float32)
-            for name in ("scale", "response", "octave", "angle")
-        }
+    keys = edge_keys(border)
+    lines = mesh.constraints[~np.isin(edge_keys(mesh.constraints), keys)]
+    domain = replace(mesh.domain, area=float(areas.sum()))
+    graded = start_nodes(
+        NodeSet(
+            points=nodes,
+            table=_node_table(mesh),
+            segments=np.concatenate([border, lines]).astype(np.int32),
+            is_breakline=np.arange(len(border) + len(lines)) >= len(border),
+            domain=domain,
+        ),
+        mesh.grid,
+        grid_spacing(domain.valid_pixels, wanted_nodes(recipe, domain.valid_pixels)),
+        recipe.min_angle,
+        threads,
+    )
+    size = mesh.grid.width, mesh.grid.height
+    graded, triangles = triangulate_nodes(graded, mesh.grid, size, threads)
     return replace(
         mesh,
-        nodes=nodes,
-        constraints=constraints.astype(np.int32),
-        plane_size=(mesh.grid.width, mesh.grid.height),
-        node_table=Table(kinds),
+        nodes=graded.points,
+        triangles=triangles,
+        constraints=graded.segments,
+        domain=domain,
+        plane_size=size,
+        node_table=graded.table,
         triangle_table=Table({}),
         provenance=None,
     )
+
+
+def _node_table(mesh: TriangleMesh) -> Table:
+    """Return the columns that describe how the nodes were found."""
+    count = len(mesh.nodes)
+    columns: dict[str, NDArray[Any]] = {
+        "kind": mesh.node_table.get("kind", np.full(count, "refined")).astype("<U9")
+    }
+    for name in ("scale", "response", "octave", "angle"):
+        columns[name] = mesh.node_table.get(name, np.full(count, np.nan, np.float32))
+    return Table(columns)
