@@ -108,8 +108,18 @@ def kernel(signature: Any) -> Callable[[Function], Function]:
 
 def inner(function: Function) -> Function:
     """Compile a function that only kernels call. It becomes part of each of them."""
-    compiled: Function = numba.njit(**_OPTIONS, **_INSIDE)(function)
-    return compiled
+    compiled: Any = numba.njit(**_OPTIONS, **_INSIDE)(function)
+    resolve = compiled.get_call_template
+    unliteral: Any = types.unliteral
+
+    def resolve_once(arguments: Any, keywords: Any) -> Any:
+        # Else numba would compile the function again for each constant that it is called with.
+        plain = {name: unliteral(kind) for name, kind in keywords.items()}
+        return resolve(tuple(map(unliteral, arguments)), plain)
+
+    compiled.get_call_template = resolve_once
+    inside: Function = compiled
+    return inside
 
 
 def prepare_kernels(begin: Callable[[], None]) -> None:

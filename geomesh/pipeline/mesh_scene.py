@@ -35,7 +35,6 @@ from geomesh.parallel.progress import Progress, part_of
 from geomesh.pipeline.attributes import describe
 from geomesh.pipeline.breaklines import CANNY
 from geomesh.pipeline.nodes import NodeSet, place_nodes, wanted_nodes
-from geomesh.pipeline.refine_scene import refine_scene
 from geomesh.pipeline.start import grid_spacing, start_nodes
 from geomesh.raster.pixels import Excerpt
 
@@ -95,7 +94,7 @@ def mesh_scene(
     _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
-    later_stages = in_background(lambda: _load_later_stages(is_known.set))
+    later_stages = in_background(lambda: _load_later_stages(recipe, is_known.set))
     later_stages.add_done_callback(lambda _: is_known.set())
     with scene.open():
         overview = read_overview(scene, workers, part_of(progress, 0, 0.05))
@@ -128,6 +127,9 @@ def mesh_scene(
         )
         outcome = None
         if recipe.refine:
+            # Imported here: its kernels take most of the time that compiling takes.
+            from geomesh.pipeline.refine_scene import refine_scene
+
             more = part_of(progress, 0.75 * share, 0.8)
             outcome = refine_scene(mesh, scene, recipe, overview, workers, more, is_late=is_late)
             mesh = outcome.mesh
@@ -161,13 +163,16 @@ def versions() -> dict[str, str]:
     }
 
 
-def _load_later_stages(compiling: Callable[[], None]) -> None:
+def _load_later_stages(recipe: Recipe, compiling: Callable[[], None]) -> None:
     """Import libraries and load kernels of the later stages, in parallel with the detection.
 
     `compiling` is called if kernels have to be compiled.
     """
     import scipy.sparse.csgraph
     import scipy.spatial  # noqa: F401
+
+    if recipe.refine:
+        import geomesh.pipeline.refine_scene  # noqa: F401
 
     prepare_kernels(compiling)
 

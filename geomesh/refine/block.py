@@ -20,12 +20,13 @@ from geomesh.refine.moments import (
 from geomesh.refine.move import move_nodes
 from geomesh.refine.parts import Part
 from geomesh.refine.patch import OTHER_PATCH, SHARED, Patch, new_star, room_for
-from geomesh.refine.remove import NEVER, cost_of_removal, remove_cheapest
-from geomesh.refine.shift import shift_nodes
+from geomesh.refine.remove import NEVER, remove_nodes
 from geomesh.refine.split import new_log
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Counts, Floats
 
 # Squared error that a flip must save, so that equal diagonals are not flipped to and fro.
 _GAIN = 0.5
@@ -120,6 +121,9 @@ class Block:
             if self.model == LINEAR:
                 move_nodes(patch, surface, image, star, self._room, moving, self.floor, backwards)
             elif moving:
+                # Imported here: only few need the kernel, which takes a second to compile.
+                from geomesh.refine.shift import shift_nodes
+
                 shift_nodes(patch, surface, image, star, self._room, self.floor, backwards)
 
     def flip(self, passes: int = 3) -> None:
@@ -162,32 +166,18 @@ class Block:
 
     def shrink(self, wanted: int) -> int:
         """Remove up to `wanted` nodes that are needed least; return how many."""
-        nodes = self.patch.size[0]
-        costs = np.empty(nodes)
-        cost_of_removal(
-            self.patch,
-            self.surface,
-            self.image,
-            *self._stars,
-            self._room,
-            self.floor,
-            self.model,
-            costs,
-        )
+        nodes = int(self.patch.size[0])
+        costs = np.full(nodes, NEVER)
+        self._remove(np.arange(nodes), costs, 0)
         order = np.argsort(costs, kind="stable")
         order = order[costs[order] < NEVER]
-        locked = np.zeros(nodes, np.bool_)
-        return remove_cheapest(
-            self.patch,
-            self.surface,
-            self.image,
-            *self._stars,
-            self._room,
-            order,
-            locked,
-            self.floor,
-            wanted,
-            self.model,
+        return self._remove(order, costs, wanted) if wanted > 0 else 0
+
+    def _remove(self, order: Counts, costs: Floats, wanted: int) -> int:
+        locked = np.zeros(len(costs), np.bool_)
+        return remove_nodes(
+            *(self.patch, self.surface, self.image, *self._stars, self._room, order, locked),
+            *(costs, self.floor, wanted, self.model),
         )
 
     def adjust(self, target: int, batches: int) -> None:

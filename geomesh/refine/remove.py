@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, void, writes
+from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, writes
 from geomesh.refine.moments import (
     CONSTANT,
     IMAGE,
@@ -157,32 +157,13 @@ def _growth(
     return error - before
 
 
-@kernel(void(PATCH, SURFACE, IMAGE, STAR, STAR, ROOM, float64, int64, writes(float64, 1)))
-def cost_of_removal(
-    patch: Patch,
-    surface: Surface,
-    image: Image,
-    star: Star,
-    other: Star,
-    room: Room,
-    floor: float,
-    model: int,
-    costs: Floats,
-) -> None:
-    """Fill `costs` (n,) with how much the error grows at least if a node is removed."""
-    for v in range(patch.size[0]):
-        costs[v] = NEVER
-        if patch.at[v] >= 0:
-            costs[v], _ = _cheapest(patch, surface, image, star, other, room, v, floor, model)
-
-
 @kernel(
     int64(
         *(PATCH, SURFACE, IMAGE, STAR, STAR, ROOM, reads(int64, 1), writes(boolean, 1)),
-        *(float64, int64, int64),
+        *(writes(float64, 1), float64, int64, int64),
     )
 )
-def remove_cheapest(
+def remove_nodes(
     patch: Patch,
     surface: Surface,
     image: Image,
@@ -191,13 +172,15 @@ def remove_cheapest(
     room: Room,
     order: Counts,
     locked: Mask,
+    costs: Floats,
     floor: float,
     wanted: int,
     model: int,
 ) -> int:
     """Remove nodes in the given order until there are enough; return how many.
 
-    The neighbours of a removed node stay until the next batch.
+    The neighbours of a removed node stay until the next batch. With ``wanted`` 0, only find what
+    it would cost to remove each node. (One kernel does both, because it compiles faster.)
 
     Parameters
     ----------
@@ -205,6 +188,8 @@ def remove_cheapest(
         Nodes, the cheapest first.
     locked : bool (n,)
         Room, all False.
+    costs : float64 (n,)
+        Gets how much the error grows at least if the node is removed; `NEVER` if it must stay.
     floor : float
         `sharpness` below which no new triangle may fall.
     wanted : int
@@ -215,13 +200,11 @@ def remove_cheapest(
     p, values, systems = patch.points, surface.values, room.systems
     removed = 0
     for i in range(len(order)):
-        if removed >= wanted:
-            break
         v = order[i]
         if locked[v] or patch.at[v] < 0:
             continue
-        cost, u = _cheapest(patch, surface, image, star, other, room, v, floor, model)
-        if cost >= NEVER:
+        costs[v], u = _cheapest(patch, surface, image, star, other, room, v, floor, model)
+        if wanted == 0 or costs[v] >= NEVER:
             continue
         m, _ = around(patch.triangles, patch.across, patch.at[v], v, star)
         for j in range(m):
@@ -245,4 +228,6 @@ def remove_cheapest(
                 t, b, c = star.triangles[j], star.first[j], star.second[j]
                 surface.errors[t] = squared_error(p, values, surface.moments, t, u, b, c)
         removed += 1
+        if removed == wanted:
+            break
     return removed
