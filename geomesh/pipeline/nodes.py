@@ -207,7 +207,9 @@ def _strongest(
         budget = round(share * wanted_nodes(recipe, facts.valid_pixels))
     if budget is None or len(features) + taken <= budget:
         return features
-    room = max(budget - taken, 0)
+    room = budget - taken
+    if room <= 0:
+        return features.take(np.empty(0, np.intp))
     # The cells depend only on the budget, so all calls choose in the same order.
     return features.take(spread_evenly(features, budget, float(facts.valid_pixels))[:room])
 

@@ -88,8 +88,19 @@ def refine_to_nodes(
     for turn, stage in enumerate(stages):
         more = part_of(progress, turn / len(stages), (turn + 1) / len(stages))
         plan.run(stage, round(wanted * stage.share), more)
+    for _ in range(_MOST_EXTRA):
+        before = len(plan.part.points)
+        if before == wanted or crew.is_late():
+            break
+        # Blocks could not hold or spare so many nodes: others may, in the next pass.
+        plan.run(Stage(1.0, finish=1), wanted, part_of(progress, 1, 1))
+        if len(plan.part.points) == before:
+            break
     return finished(plan.part, crew.units, in_time=not crew.is_late())
 
+
+# Passes after those of the plan, while the number of nodes is not the wanted one.
+_MOST_EXTRA = 4
 
 # The error falls with about this power of the number of nodes, before two meshes tell.
 _USUAL_POWER = -0.4
