@@ -113,6 +113,12 @@ class Block:
         """Sum of the squared errors."""
         return float(np.maximum(self.surface.errors[: self.patch.size[1]], 0).sum())
 
+    @property
+    def pixels(self) -> int:
+        """Number of valid pixels."""
+        rows = self.patch.size[1]
+        return int(np.rint(self.surface.moments[:rows, 0][self.patch.alive[:rows]].sum()))
+
     def relax(self, times: int, *, moving: bool = True) -> None:
         """Improve the values of the nodes, and their positions if `moving`, several times."""
         patch, surface, image, star = self.patch, self.surface, self.image, self._stars[0]

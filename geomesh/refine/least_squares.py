@@ -90,10 +90,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Report:
-    """The number of nodes that only one block has, and its squared error."""
+    """The number of nodes that only one block has, its squared error, and its pixels."""
 
     own: int
     error: float
+    pixels: int
 
 
 def refine_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[Part, Report]:
@@ -109,7 +110,7 @@ def refine_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[P
             block.replace(share, step.target)
         if step.stage.finish:
             block.finish(step.stage.finish)
-    return block.part(), Report(block.own, block.error)
+    return block.part(), Report(block.own, block.error, block.pixels)
 
 
 def _sampled(points: Floats, pixels: Floats, valid: Mask) -> Floats:

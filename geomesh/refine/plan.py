@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -54,9 +55,19 @@ class LeastSquares:
             progress = part_of(progress, 0.3, 1)
         goals = targets(blocks, measured, wanted)
         steps = [self._step(stage, int(goal), is_first=is_first) for goal in goals]
-        message = f"Refining to {wanted:,} nodes, pass {self._turn + 1}"
+        message = f"Refining to {wanted:,} nodes{self._error_now()}, pass {self._turn + 1}"
         self.part, self.reports = self._crew.run(blocks, refine_block, steps, progress, message)
         self._turn += 1
+
+    def _error_now(self) -> str:
+        """Return the root mean square error after the last pass, as a part of a message."""
+        scales = set(self._crew.units.scale.tolist())
+        known = [report for report in self.reports if report is not None]
+        pixels = sum(report.pixels for report in known)
+        if len(scales) > 1 or not pixels:
+            return ""  # no pixels yet, or bands in different units
+        mean = sum(report.error for report in known) / pixels / len(self._crew.units.scale)
+        return f" (error {math.sqrt(mean) * scales.pop():.3g})"
 
     def _step(self, stage: Stage, target: int, *, is_first: bool) -> Step:
         model = CONSTANT if self._settings.model == "constant" else LINEAR
