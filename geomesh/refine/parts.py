@@ -161,6 +161,10 @@ def divide(whole: Part, size: float, shift: tuple[float, float]) -> Partition:
         Position of the blocks, as a share of their side.
     """
     centres = whole.points[whole.triangles].mean(axis=1)
+    low, high = whole.points.min(axis=0), whole.points.max(axis=0)
+    if (high - low <= size).all():
+        shift = (0.0, 0.0)  # one block, whatever the position
+        centres = centres - low
     cells = np.floor(centres / size + shift).astype(np.int64)
     cells -= cells.min(axis=0)
     label = cells[:, 1] * (int(cells[:, 0].max()) + 1) + cells[:, 0]
