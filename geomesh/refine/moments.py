@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 # Moments that do not depend on a band, and moments of each band.
 OF_PIXELS, OF_BAND = 6, 4
 
+# Crossings are computed this much further left, so that rounding never moves one from a pixel
+# centre to its right. It exceeds the rounding errors, and other crossings of sides up to 2^16
+# pixels long are at least 2^-32 pixels away from pixel centres: see `geomesh.zonal.rasterize`.
+_LEFT = 2.0**-33
+
 # The objective: a linear surface with values at the nodes, or one value for each triangle.
 LINEAR, CONSTANT = 0, 1
 
@@ -113,6 +118,7 @@ def moments_along(
         sign = -1.0
     first, stop = math.ceil(py), math.ceil(qy)
     slope = (qx - px) / (qy - py) if qy > py else 0.0
+    px -= _LEFT
     n = x = y = xx = xy = yy = 0.0
     for row in range(first, stop):
         c = math.ceil(px + (row - py) * slope)
