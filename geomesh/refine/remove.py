@@ -23,6 +23,7 @@ from geomesh.refine.moments import (
 )
 from geomesh.refine.patch import (
     FREE,
+    MOST_AROUND,
     PATCH,
     SHARED,
     SHARED_TWICE,
@@ -78,7 +79,9 @@ def _cheapest(
             continue
         n, other_closed = around(patch.triangles, patch.across, patch.at[u], u, other)
         is_border = not closed and (i in (0, m))
-        if n == 0 or not can_merge(star, m, closed, other, n, other_closed, is_border):
+        if n == 0 or n + m > MOST_AROUND:
+            continue
+        if not can_merge(star, m, closed, other, n, other_closed, is_border):
             continue
         growth = _growth(patch, surface, image, star, other, room, v, u, m, n, i, model) - old
         if growth < best:
