@@ -52,6 +52,8 @@ class LeastSquares:
             steps = [self._step(stage, -1, is_first=True)] * len(blocks)
             more = part_of(progress, 0, 0.3)
             measured = self._crew.run(blocks, measure_block, steps, more, "Measuring")[1]
+            if None in measured:  # the time is over
+                measured = None
             progress = part_of(progress, 0.3, 1)
         goals = targets(blocks, measured, wanted)
         steps = [self._step(stage, int(goal), is_first=is_first) for goal in goals]
