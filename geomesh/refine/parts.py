@@ -112,17 +112,19 @@ class Partition:
         Parameters
         ----------
         refined : list of Part
-            One for each block, in order.
+            One for each block, in order. All blocks of a shared node give it the same values.
         """
         whole = self.whole
         shared = np.flatnonzero(self.shared)
         place = np.full(len(whole.points), -1, np.int64)
         place[shared] = np.arange(len(shared))
+        values = whole.values[shared]
         count, rows = len(shared), 0
         triangles, across, own = [], [], []
         for b, part in enumerate(refined):
             nodes = self.shared_nodes(b)
             k = len(nodes)
+            values[place[nodes]] = part.values[:k]
             number = np.concatenate([place[nodes], count + np.arange(len(part.points) - k)])
             triangles.append(number[part.triangles].astype(np.int32))
             across.append(np.where(part.across >= 0, part.across + rows, part.across))
@@ -133,7 +135,7 @@ class Partition:
         joined = Part(
             ids=np.concatenate([whole.ids[shared], *(p.ids[s] for p, s in parts)]),
             points=np.concatenate([whole.points[shared], *(p.points[s] for p, s in parts)]),
-            values=np.concatenate([whole.values[shared], *(p.values[s] for p, s in parts)]),
+            values=np.concatenate([values, *(p.values[s] for p, s in parts)]),
             held=np.concatenate([whole.held[shared], *(p.held[s] for p, s in parts)]),
             triangles=np.concatenate(triangles),
             across=np.concatenate(across).astype(np.int32),
