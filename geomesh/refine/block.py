@@ -143,7 +143,7 @@ class Block:
     def grow(self, target: int, batches: int) -> None:
         """Insert nodes until the block has `target` nodes of its own, in a few batches."""
         steps = np.geomspace(max(self.own, 4), max(target, 4), batches + 1)[1:]
-        for wanted in np.rint(steps).astype(int).tolist():
+        for wanted in np.minimum(np.rint(steps).astype(int), target).tolist():
             for _ in range(_TRIES):
                 missing = wanted - self.own
                 if missing <= 0 or self._insert(missing) == 0:
@@ -188,9 +188,9 @@ class Block:
 
     def adjust(self, target: int, batches: int) -> None:
         """Insert or remove nodes until the block has `target` nodes of its own."""
-        for _ in range(_TRIES):
-            surplus = self.own - target
-            if surplus <= 0 or self.shrink(surplus) == 0:
+        # One batch removes no neighbours, so a fraction of the nodes.
+        while self.own > target:
+            if self.shrink(self.own - target) == 0:
                 break
         self.grow(target, batches)
 
