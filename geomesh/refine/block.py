@@ -19,7 +19,7 @@ from geomesh.refine.moments import (
 )
 from geomesh.refine.move import move_nodes
 from geomesh.refine.parts import Part
-from geomesh.refine.patch import OTHER_PATCH, SHARED, Patch, new_star, room_for
+from geomesh.refine.patch import OTHER_PATCH, SHARED, TWO_FANS, Patch, new_star, room_for
 from geomesh.refine.remove import NEVER, remove_nodes
 from geomesh.refine.split import new_log
 
@@ -105,8 +105,8 @@ class Block:
     def own(self) -> int:
         """Number of nodes that only this part has."""
         nodes = self.patch.size[0]
-        used = self.patch.at[:nodes] >= 0
-        return int(np.count_nonzero(used & (self.patch.held[:nodes] < SHARED)))
+        used, held = self.patch.at[:nodes] >= 0, self.patch.held[:nodes]
+        return int(np.count_nonzero(used & ((held < SHARED) | (held == TWO_FANS))))
 
     @property
     def error(self) -> float:

@@ -56,7 +56,7 @@ class Partition:
     local : int32 (m, 3)
         Neighbours, numbered within the block; `OTHER_PATCH` across a border of the block.
     shared : bool (n,)
-        Nodes on borders between blocks.
+        Nodes that several blocks have.
     """
 
     whole: Part
@@ -90,11 +90,7 @@ class Partition:
         across = self.local[rows]
         held = whole.held[nodes]
         held[self.shared[nodes]] = SHARED
-        # A node where more than two borders without a neighbour meet has two separate fans.
-        row, side = np.nonzero(across < 0)
-        ends = np.concatenate([triangles[row, (side + 1) % 3], triangles[row, (side + 2) % 3]])
-        several = np.bincount(ends, minlength=len(nodes)) > 2
-        held[several & (held == SHARED)] = SHARED_TWICE
+        held[(held == SHARED) & has_two_fans(triangles, across, len(nodes))] = SHARED_TWICE
         part = Part(
             whole.ids[nodes],
             whole.points[nodes],
@@ -151,6 +147,14 @@ class Partition:
         return nodes[self.shared[nodes]]
 
 
+def has_two_fans(triangles: Triangles, across: Ids, count: int) -> NDArray[np.bool_]:
+    """Return which of `count` nodes have more than one fan: more than two sides at the border."""
+    row, side = np.nonzero(across < 0)
+    ends = np.concatenate([triangles[row, (side + 1) % 3], triangles[row, (side + 2) % 3]])
+    several: NDArray[np.bool_] = np.bincount(ends, minlength=count) > 2
+    return several
+
+
 def divide(whole: Part, size: float, shift: tuple[float, float]) -> Partition:
     """Divide a mesh into blocks of triangles by their centroids.
 
@@ -179,10 +183,11 @@ def divide(whole: Part, size: float, shift: tuple[float, float]) -> Partition:
     across = whole.across
     apart = (across >= 0) & (label[across] != label[:, None])
     local = np.where(across < 0, across, np.where(apart, OTHER_PATCH, position[across]))
+    # Not only the ends of borders: two blocks may touch at a node where the outline does.
+    of_node = np.zeros(len(whole.points), label.dtype)
+    of_node[whole.triangles.ravel()] = np.repeat(label, 3)
     shared = np.zeros(len(whole.points), np.bool_)
-    row, side = np.nonzero(apart)
-    shared[whole.triangles[row, (side + 1) % 3]] = True
-    shared[whole.triangles[row, (side + 2) % 3]] = True
+    shared[whole.triangles[of_node[whole.triangles] != label[:, None]]] = True
     return Partition(whole, order, starts, local.astype(np.int32), shared)
 
 

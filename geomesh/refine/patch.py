@@ -24,8 +24,10 @@ BORDER = -1
 OTHER_PATCH = -2
 
 # In `Patch.held`: nodes that may not move, and nodes that may not change at all: those of sides
-# that the patch shares with another one. The last belong to two separate fans of the patch.
-FREE, STAYS, SHARED, SHARED_TWICE = 0, 1, 2, 3
+# that the patch shares with another one. The last two belong to two separate fans of triangles,
+# of which `around` finds only one: fans of the patch, and of the mesh where its outline touches
+# itself.
+FREE, STAYS, SHARED, SHARED_TWICE, TWO_FANS = 0, 1, 2, 3, 4
 
 # Triangles around a node. Nodes with more are left as they are.
 MOST_AROUND = 64
@@ -54,7 +56,7 @@ class Patch(NamedTuple):
     alive : bool (m,)
         Whether a triangle exists.
     held : uint8 (n,)
-        What a node may do: `FREE`, `STAYS`, `SHARED` or `SHARED_TWICE`.
+        What a node may do: `FREE`, `STAYS`, `SHARED`, `SHARED_TWICE` or `TWO_FANS`.
     size : int64 (2,)
         Rows in use: of the nodes, and of the triangles.
     """

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geomesh.mesh.topology import edge_keys, neighbours
-from geomesh.refine.parts import Part
-from geomesh.refine.patch import FREE, STAYS
+from geomesh.refine.parts import Part, has_two_fans
+from geomesh.refine.patch import FREE, STAYS, TWO_FANS
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Floats, Ids, Mask, Points, Triangles
@@ -69,11 +69,13 @@ def start_part(
             sides = edge_keys(triangles[:, [(k + 1) % 3, (k + 2) % 3]])
             place = np.minimum(np.searchsorted(keys, sides), len(keys) - 1)
             hard[:, k] |= keys[place] == sides
+    held = np.where(stays, STAYS, FREE)
+    held[has_two_fans(triangles, across, len(nodes))] = TWO_FANS
     return Part(
         ids=np.arange(len(nodes), dtype=np.int32),
         points=np.array(nodes, np.float64),
         values=np.zeros((len(nodes), bands)),
-        held=np.where(stays, STAYS, FREE).astype(np.uint8),
+        held=held.astype(np.uint8),
         triangles=triangles,
         across=across,
         hard=hard.astype(np.uint8),

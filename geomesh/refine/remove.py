@@ -73,7 +73,7 @@ def _cheapest(
         old += surface.errors[star.triangles[j]]
     for i in range(m + (0 if closed else 1)):
         u = star.first[i] if i < m else star.second[m - 1]
-        if patch.held[u] == SHARED_TWICE or (hard > 0 and u not in (one, far)):
+        if patch.held[u] >= SHARED_TWICE or (hard > 0 and u not in (one, far)):
             continue
         if _sharpness_after(p, star, m, u) < floor:
             continue
