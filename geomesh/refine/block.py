@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from geomesh.arrays.types import Counts, Floats
 
-# Squared error that a flip must save, so that equal diagonals are not flipped to and fro.
+# Squared error that a flip must save, so that equal diagonals are not flipped back and forth.
 _GAIN = 0.5
 
 # Batches of one growth are tried again while triangles refuse nodes.

@@ -140,7 +140,7 @@ def share_out(weights: NDArray[np.float64], total: int) -> NDArray[np.int64]:
         return np.zeros(len(weights), np.int64)
     weights = np.maximum(weights, 1e-9 * max(weights.max(initial=0), 1e-200))
     exact = weights * (total / weights.sum())
-    whole = np.floor(exact).astype(np.int64)
+    whole: NDArray[np.int64] = np.floor(exact).astype(np.int64)
     order = np.argsort(whole - exact, kind="stable")
     whole[order[: total - int(whole.sum())]] += 1
     shares: NDArray[np.int64] = whole
