@@ -169,6 +169,20 @@ def test_moves_lower_the_error_and_keep_what_they_must(seed, model):
         assert changed[part.held == STAYS].any() == (part.held == STAYS).any()
 
 
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_node_raises_the_error_where_hardly_any_move_helps(seed, model):
+    block, _, _, _ = random_block(seed, model)
+    block.relax(15)
+    held = block.patch.held.copy()
+    for v in np.flatnonzero(held == FREE):
+        block.patch.held[:] = SHARED
+        block.patch.held[v] = FREE
+        before = block.error
+        block.relax(1)
+        assert block.error <= before * (1 + 1e-12)
+
+
 def flippable(patch: Patch, floor: float) -> list[tuple[np.ndarray, np.ndarray, int, int]]:
     """Return what each flip that is allowed would make: the old and new pair, and both numbers."""
     found = []

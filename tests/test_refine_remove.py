@@ -111,6 +111,11 @@ def test_removals_keep_area_outline_and_lines(seed, model):
     angle = smallest(grown.points, grown.triangles)
     removed = block.shrink(8)
     assert removed == 8
+    # No two of them were neighbours.
+    left = set(map(tuple, block.part().points.tolist()))
+    is_gone = np.array([tuple(point) not in left for point in grown.points.tolist()])
+    assert is_gone.sum() == 8
+    assert is_gone[grown.triangles].sum(axis=1).max() == 1
     for _ in range(3):
         removed += block.shrink(1000)
     check_block(block)
