@@ -7,6 +7,7 @@ import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from geomesh.refine.moments import image_of
 from geomesh.refine.parts import Part, divide
 from geomesh.refine.passes import SHIFTS, Crew
 from geomesh.refine.patch import BORDER, FREE, OTHER_PATCH, SHARED, SHARED_TWICE, STAYS, TWO_FANS
-from geomesh.refine.refine import LeastSquares, Refined, Settings, refine_to_nodes
+from geomesh.refine.plan import LeastSquares, refine_to_nodes
+from geomesh.refine.settings import Settings
 from geomesh.refine.units import Units, bound_units, even_units
 from support.refine import (
     MODELS,
@@ -39,6 +41,9 @@ from support.refine import (
     sampled,
     smallest,
 )
+
+if TYPE_CHECKING:
+    from geomesh.refine.refined import Refined
 
 SIZE = 40.0
 
@@ -170,14 +175,9 @@ def refine(whole, pixels, valid, wanted=150, model="linear", effort="fast", **op
     executor, workers = options.get("executor"), options.get("workers", 1)
     scene = scene_of(pixels, valid)
     with scene.open(), open_workers(workers, executor) as crew:
-        return refine_to_nodes(
-            *(whole, scene, Units(np.full(len(pixels), 100.0), np.ones(len(pixels)))),
-            *(Settings(10.0, model, effort), wanted),
-            size=SIZE,
-            workers=crew,
-            is_late=options.get("is_late", lambda: False),
-            progress=silent,
-        )
+        units = Units(np.full(len(pixels), 100.0), np.ones(len(pixels)))
+        team = Crew(scene, units, crew, SIZE, options.get("is_late", lambda: False))
+        return refine_to_nodes(team, Settings(10.0, model, effort), whole, wanted, silent)
 
 
 def check_refined(found: Refined, whole: Part) -> Part:

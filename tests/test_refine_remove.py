@@ -24,8 +24,8 @@ from geomesh.refine.patch import (
     can_merge,
     new_star,
 )
-from geomesh.refine.refine import start_part
-from geomesh.refine.remove import NEVER, cost_of_removal
+from geomesh.refine.refined import start_part
+from geomesh.refine.remove import NEVER, remove_nodes
 from support.refine import (
     MODELS,
     as_triangles,
@@ -52,10 +52,11 @@ SEEDS = range(6)
 
 
 def removal_costs(block: Block) -> np.ndarray:
-    costs = np.empty(block.patch.size[0])
-    cost_of_removal(
+    costs = np.full(block.patch.size[0], NEVER)
+    remove_nodes(
         *(block.patch, block.surface, block.image, new_star(), new_star()),
-        *(new_room(block.surface.values.shape[1]), block.floor, block.model, costs),
+        *(new_room(block.surface.values.shape[1]), np.arange(len(costs))),
+        *(np.zeros(len(costs), np.bool_), costs, block.floor, 0, block.model),
     )
     return costs
 

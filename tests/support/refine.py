@@ -11,7 +11,7 @@ import shapely
 from geomesh.refine.block import Block
 from geomesh.refine.moments import CONSTANT, LINEAR, RIDGE, Surface, image_of, measure_all
 from geomesh.refine.patch import BORDER, OTHER_PATCH
-from geomesh.refine.refine import start_part
+from geomesh.refine.refined import start_part
 
 if TYPE_CHECKING:
     from geomesh.refine.parts import Part
