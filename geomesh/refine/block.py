@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geomesh.refine.flip_edges import flip_edges
 from geomesh.refine.insert import insert_where_worst
+from geomesh.refine.load import grown, ids_of, own_nodes, part_of, patch_of
 from geomesh.refine.moments import (
     LINEAR,
     OF_BAND,
@@ -18,15 +19,13 @@ from geomesh.refine.moments import (
     new_room,
 )
 from geomesh.refine.move import move_nodes
-from geomesh.refine.parts import Part
-from geomesh.refine.patch import OTHER_PATCH, SHARED, TWO_FANS, Patch, new_star, room_for
+from geomesh.refine.patch import new_star, room_for
 from geomesh.refine.remove import NEVER, remove_nodes
 from geomesh.refine.split import new_log
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from geomesh.arrays.types import Counts, Floats
+    from geomesh.refine.parts import Part
 
 # Squared error that a flip must save, so that equal diagonals are not flipped back and forth.
 _GAIN = 0.5
@@ -56,57 +55,23 @@ class Block:
         self._load(part, 64)
 
     def _load(self, part: Part, room: int) -> None:
-        nodes, triangles = len(part.points), len(part.triangles)
-        n, m = nodes + room, triangles + 4 * room + 64
-        bands = part.values.shape[1]
-        at = np.full(n, -1, np.int64)
-        at[part.triangles.ravel()] = np.repeat(np.arange(triangles), 3)
-        self.patch = Patch(
-            _grown(part.points, n),
-            _grown(part.triangles.astype(np.int64), m),
-            _grown(part.across.astype(np.int64), m),
-            _grown(part.hard, m),
-            at,
-            _grown(np.ones(triangles, np.bool_), m),
-            _grown(part.held, n),
-            np.array([nodes, triangles], np.int64),
-        )
-        width = OF_PIXELS + OF_BAND * bands
+        self.patch = patch_of(part, room)
+        n, m = len(self.patch.points), len(self.patch.triangles)
+        width = OF_PIXELS + OF_BAND * part.values.shape[1]
         self.surface = Surface(
-            _grown(part.values, n), np.zeros((3 * m, width)), np.zeros((m, width)), np.zeros(m)
+            grown(part.values, n), np.zeros((3 * m, width)), np.zeros((m, width)), np.zeros(m)
         )
-        self.ids = _grown(part.ids, n)
-        self.ids[nodes:] = -1
+        self.ids = ids_of(part, n)
         measure_all(self.patch, self.surface, self.image, self.model)
 
     def part(self) -> Part:
         """Return the refined part, without unused nodes; shared nodes stay first, in order."""
-        patch = self.patch
-        nodes, rows = patch.size.tolist()
-        alive = np.flatnonzero(patch.alive[:rows])
-        place = np.full(rows + 2, OTHER_PATCH, np.int32)
-        place[-1] = -1
-        place[alive] = np.arange(len(alive), dtype=np.int32)
-        across = patch.across[alive]
-        used = np.flatnonzero((patch.at[:nodes] >= 0) | (patch.held[:nodes] >= SHARED))
-        number = np.full(nodes, -1, np.int32)
-        number[used] = np.arange(len(used), dtype=np.int32)
-        return Part(
-            ids=self.ids[used],
-            points=patch.points[used],
-            values=self.surface.values[used],
-            held=patch.held[used],
-            triangles=number[patch.triangles[alive]],
-            across=np.where(across >= 0, place[across], across).astype(np.int32),
-            hard=patch.hard[alive],
-        )
+        return part_of(self.patch, self.surface.values, self.ids)
 
     @property
     def own(self) -> int:
         """Number of nodes that only this part has."""
-        nodes = self.patch.size[0]
-        used, held = self.patch.at[:nodes] >= 0, self.patch.held[:nodes]
-        return int(np.count_nonzero(used & ((held < SHARED) | (held == TWO_FANS))))
+        return own_nodes(self.patch)
 
     @property
     def error(self) -> float:
@@ -207,10 +172,3 @@ class Block:
             self.relax(2)
             self.flip()
         self.relax(3, moving=False)
-
-
-def _grown(array: NDArray[Any], rows: int) -> NDArray[Any]:
-    """Return a copy of an array with more rows, which are zero."""
-    grown = np.zeros((rows, *array.shape[1:]), array.dtype)
-    grown[: len(array)] = array
-    return grown

@@ -19,45 +19,16 @@ from geomesh.refine.moments import (
     measure_triangle,
 )
 from geomesh.refine.patch import PATCH, Patch, doubled_area, on_lattice
+from geomesh.refine.scan import columns_of, rows_of
 from geomesh.refine.split import LOG, Log, insert_node
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Counts, Floats, Mask, Points
+    from geomesh.arrays.types import Floats, Mask
 
 # Squared distance in pixels from a triangle's corners at which a new node may lie.
 _APART = 0.8
-
-
-@inner
-def rows_of(
-    triangles: Counts, p: Points, t: int
-) -> tuple[float, float, float, float, float, float]:
-    """Return the corners of triangle `t` sorted by y."""
-    a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-    ax, ay, bx, by, cx, cy = p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1]
-    if ay > by:
-        ax, ay, bx, by = bx, by, ax, ay
-    if by > cy:
-        bx, by, cx, cy = cx, cy, bx, by
-        if ay > by:
-            ax, ay, bx, by = bx, by, ax, ay
-    return ax, ay, bx, by, cx, cy
-
-
-@inner
-def columns_of(
-    corners: tuple[float, float, float, float, float, float], row: int
-) -> tuple[int, int]:
-    """Return the first and stop column that a triangle with these sorted corners owns."""
-    ax, ay, bx, by, cx, cy = corners
-    one = ax + (row - ay) * (cx - ax) / (cy - ay)
-    if row < by:
-        other = ax + (row - ay) * (bx - ax) / (by - ay)
-    else:
-        other = bx + (row - by) * (cx - bx) / (cy - by)
-    return math.ceil(min(one, other)), math.ceil(max(one, other))
 
 
 @inner
