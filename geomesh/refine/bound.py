@@ -169,8 +169,8 @@ def heights_of(
                         low = one
                     if other < high:  # noqa: PLR1730
                         high = other
-            if low > high:
-                return -1.0
+                if low > high:
+                    return -1.0
         interval[0, band], interval[1, band] = base + low, base + high
         least = min(least, (high - low) / 2)
     return least

@@ -42,7 +42,7 @@ def flip_in_bound(
     values, image, worst, total, pixel
         See `measure_bound`.
     changed : int64 (m,)
-        Zeros. Gets the pass in which a triangle last changed.
+        0; -1 where no edge is to be flipped. Gets the pass in which a triangle last changed.
     floor : float
         `sharpness` below which no triangle may fall, unless its neighbours were below already.
     passes : int

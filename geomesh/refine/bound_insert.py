@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, writes
-from geomesh.refine.bound import BOUND, heights_of, measure, take_middle
+from geomesh.refine.bound import BOUND, heights_of, measure
 from geomesh.refine.patch import (
     OTHER_PATCH,
     PATCH,
@@ -17,7 +17,6 @@ from geomesh.refine.patch import (
     Patch,
     Star,
     around,
-    doubled_area,
     on_lattice,
 )
 from geomesh.refine.split import LOG, Log, insert_node
@@ -33,8 +32,8 @@ _NEAR_NODE = 0.8
 # Squared distance in pixels from a hard side at which that is split instead.
 _NEAR_SIDE = 2.3
 
-# Places at which a node is tried.
-_CHOICES = 5
+# Ways to correct a triangle: the height of a node nearby, or a node at one of five places.
+_CHOICES = 6
 
 
 @kernel(
@@ -87,60 +86,62 @@ def insert_violating(
         if touched[t] or not patch.alive[t] or worst[t] <= BOUND:
             continue
         col, row = float(pixel[t, 0]), float(pixel[t, 1])
-        lifted = 0
+        near = -1
         for k in range(3):
             v = triangles[t, k]
-            near = (p[v, 0] - col) ** 2 + (p[v, 1] - row) ** 2
-            if near >= _NEAR_NODE or patch.held[v] >= SHARED:
-                continue
-            m, _ = around(triangles, across, t, v, star)
-            if m and heights_of(p, values, image, star, m, p[v, 0], p[v, 1], interval) >= 0:
-                take_middle(values, v, interval, 0)
-                lifted = m
-                break
-        if lifted:
-            for j in range(lifted):
-                touched[star.triangles[j]] = True
-                measure(p, triangles, values, image, star.triangles[j], worst, total, pixel)
-            changed += 1
-            continue
+            distance = (p[v, 0] - col) ** 2 + (p[v, 1] - row) ** 2
+            if distance < _NEAR_NODE and patch.held[v] < SHARED:
+                near = v
         for choice in range(_CHOICES):
-            x, y = _place(patch, t, col, row, choice)
-            if math.isnan(x):
-                continue
-            x, y = on_lattice(x), on_lattice(y)
-            v = patch.size[0]
-            _interpolate(triangles, p, values, t, x, y, v)
-            v = insert_node(patch, t, x, y, floor, log)
+            if choice == 0:
+                v = near
+            else:
+                x, y = _place(triangles, across, patch.hard, p, t, col, row, choice)
+                if math.isnan(x):
+                    continue
+                v = insert_node(patch, t, on_lattice(x), on_lattice(y), floor, log)
             if v < 0:
                 continue
-            x, y = p[v, 0], p[v, 1]
-            _take_pixel(image, values, v, x, y)
             m, _ = around(triangles, across, patch.at[v], v, star)
-            if m and heights_of(p, values, image, star, m, x, y, interval) >= 0:
+            if m == 0:
+                continue
+            x, y = p[v, 0], p[v, 1]
+            fits = heights_of(p, values, image, star, m, x, y, interval) >= 0
+            if choice > 0:
+                _first_heights(values, image, v, x, y, star, m)
+            if fits:
                 for band in range(values.shape[1]):
-                    values[v, band] = min(
-                        max(values[v, band], interval[0, band]), interval[1, band]
-                    )
-            for j in range(log.size[1]):
-                touched[log.changed[j]] = True
-                measure(p, triangles, values, image, log.changed[j], worst, total, pixel)
+                    height = max(values[v, band], interval[0, band])
+                    values[v, band] = min(height, interval[1, band])
+            elif choice == 0:
+                continue
+            for j in range(m):
+                touched[star.triangles[j]] = True
+                measure(p, triangles, values, image, star.triangles[j], worst, total, pixel)
             changed += 1
             break
     return changed
 
 
 @inner
-def _place(patch: Patch, t: int, col: float, row: float, choice: int) -> tuple[float, float]:
+def _place(
+    triangles: Counts,
+    across: Counts,
+    hard: NDArray[np.uint8],
+    p: Points,
+    t: int,
+    col: float,
+    row: float,
+    choice: int,
+) -> tuple[float, float]:
     """Return where to try a node in triangle `t` for its pixel (col, row); NaN for nowhere."""
-    triangles, p = patch.triangles, patch.points
-    if choice == 0:
+    if choice == 1:
         return col, row
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     mx, my = (p[a, 0] + p[b, 0] + p[c, 0]) / 3, (p[a, 1] + p[b, 1] + p[c, 1]) / 3
-    if choice == 2:
-        return (col + mx) / 2, (row + my) / 2
     if choice == 3:
+        return (col + mx) / 2, (row + my) / 2
+    if choice == 4:
         return mx, my
     nearest, longest = _NEAR_SIDE, -1.0
     fx, fy, lx, ly = math.nan, math.nan, 0.0, 0.0
@@ -151,36 +152,28 @@ def _place(patch: Patch, t: int, col: float, row: float, choice: int) -> tuple[f
         if length > longest:
             longest = length
             lx, ly = (p[one, 0] + p[other, 0]) / 2, (p[one, 1] + p[other, 1]) / 2
-        if patch.hard[t, k] and patch.across[t, k] != OTHER_PATCH:
+        if hard[t, k] and across[t, k] != OTHER_PATCH:
             along = ((col - p[one, 0]) * ux + (row - p[one, 1]) * uy) / length
             x, y = p[one, 0] + along * ux, p[one, 1] + along * uy
             distance = (x - col) ** 2 + (y - row) ** 2
             if distance < nearest and 0 < along < 1:
                 nearest, fx, fy = distance, x, y
-    if choice == 1:
+    if choice == 2:
         return fx, fy
     return lx, ly
 
 
 @inner
-def _interpolate(
-    triangles: Counts, p: Points, values: Floats, t: int, x: float, y: float, v: int
+def _first_heights(
+    values: Floats, image: Floats, v: int, x: float, y: float, star: Star, m: int
 ) -> None:
-    """Give node `v` at (x, y) the heights of the plane of triangle `t`."""
-    a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-    d = doubled_area(p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1])
-    u = doubled_area(p[c, 0], p[c, 1], p[a, 0], p[a, 1], x, y) / d
-    w = doubled_area(p[a, 0], p[a, 1], p[b, 0], p[b, 1], x, y) / d
-    for band in range(values.shape[1]):
-        start = values[a, band]
-        values[v, band] = start + u * (values[b, band] - start) + w * (values[c, band] - start)
-
-
-@inner
-def _take_pixel(image: Floats, values: Floats, v: int, x: float, y: float) -> None:
-    """Give node `v` the values of the pixel around (x, y) in the bands where it is valid."""
+    """Give node `v` the value of its pixel; where that is not valid, the mean height nearby."""
     col = min(max(int(np.rint(x)), 0), image.shape[2] - 1)
     row = min(max(int(np.rint(y)), 0), image.shape[1] - 1)
     for band in range(values.shape[1]):
-        if not math.isnan(image[band, row, col]):
-            values[v, band] = image[band, row, col]
+        height = image[band, row, col]
+        if math.isnan(height):
+            height = 0.0
+            for j in range(m):
+                height += (values[star.first[j], band] + values[star.second[j], band]) / (2 * m)
+        values[v, band] = height

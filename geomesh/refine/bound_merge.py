@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from geomesh.arrays.jit import float64, inner, int64, kernel, reads, void, writes
+from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import heights_of, take_middle
 from geomesh.refine.patch import (
     FREE,
@@ -191,12 +191,12 @@ def _widest(
 
 
 @kernel(
-    void(
+    int64(
         *(PATCH, writes(float64, 2), writes(float64, 3), STAR, STAR, STAR, writes(float64, 2)),
-        *(float64, writes(float64, 1), writes(int64, 1)),
+        *(float64, reads(int64, 1), writes(float64, 1), writes(int64, 1), boolean),
     )
 )
-def find_merges(
+def merge_nodes(
     patch: Patch,
     values: Floats,
     image: Floats,
@@ -205,10 +205,15 @@ def find_merges(
     ring: Star,
     interval: Floats,
     floor: float,
+    order: Counts,
     width: Floats,
     target: Counts,
-) -> None:
-    """Find the merge of each node that leaves the widest interval of heights.
+    merging: bool,
+) -> int:
+    """Find the best merge of each node, or merge the nodes as far as the bound still allows.
+
+    The best merge is the one that leaves the widest interval of heights. Return how many nodes
+    were merged. (Two kernels would take twice as long to compile.)
 
     Parameters
     ----------
@@ -218,60 +223,31 @@ def find_merges(
         Room.
     floor : float
         `sharpness` below which no triangle may fall, unless its neighbours were below already.
-    width : float64 (n,)
-        Gets half the width of the interval, the least of all bands; -1 if there is no merge.
-    target : int64 (n,)
-        Gets the merge, for `merge_widest`.
-    """
-    for v in range(patch.size[0]):
-        width[v], target[v] = -1.0, -1
-        if patch.at[v] >= 0:
-            width[v], target[v], _, _ = _widest(
-                patch, values, image, star, other, ring, interval, v, floor, -1
-            )
-
-
-@kernel(
-    int64(
-        *(PATCH, writes(float64, 2), writes(float64, 3), STAR, STAR, STAR, writes(float64, 2)),
-        *(float64, reads(float64, 1), reads(int64, 1), reads(int64, 1)),
-    )
-)
-def merge_widest(
-    patch: Patch,
-    values: Floats,
-    image: Floats,
-    star: Star,
-    other: Star,
-    ring: Star,
-    interval: Floats,
-    floor: float,
-    width: Floats,
-    target: Counts,
-    order: Counts,
-) -> int:
-    """Merge nodes in the given order, as far as the bound still allows; return how many.
-
-    Parameters
-    ----------
-    width, target : float64 (n,), int64 (n,)
-        See `find_merges`.
     order : int64 (k,)
-        Nodes, the one with the widest interval first.
+        Nodes.
+    width : float64 (n,)
+        Half the width of a node's interval, the least of all bands; -1 if there is no merge.
+    target : int64 (n,)
+        The merge of a node.
+    merging : bool
+        False: fill `width` and `target`. True: merge.
     """
     p, merged = patch.points, 0
     for i in range(len(order)):
         v = order[i]
         if patch.at[v] < 0:
             continue
-        merge, x, y = -1, 0.0, 0.0
+        now, merge, x, y = -1.0, -1, 0.0, 0.0
         for again in range(2):
-            only = -1 if again else target[v]
+            only = target[v] if merging and not again else -1
             now, merge, x, y = _widest(
                 patch, values, image, star, other, ring, interval, v, floor, only
             )
-            if now >= _STILL_WIDE * width[v]:
+            if not merging or now >= _STILL_WIDE * width[v]:
                 break
+        if not merging:
+            width[v], target[v] = now, merge
+            continue
         if merge < 0:
             continue
         u = merge // _PLACES

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, writes
+from geomesh.arrays.jit import float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import BOUND, triangle_error
 from geomesh.refine.move import FARTHEST, freedom
 from geomesh.refine.patch import (
@@ -28,7 +28,7 @@ from geomesh.refine.patch import (
 from geomesh.refine.scan import by_rows, columns_of
 
 if TYPE_CHECKING:
-    from geomesh.arrays.types import Floats, Points
+    from geomesh.arrays.types import Counts, Floats, Points
 
 # Columns of the system of a node: of the position, and of the height in each band.
 OF_PLACE, OF_HEIGHT = 5, 4
@@ -46,7 +46,7 @@ def new_system(bands: int) -> Floats:
 @kernel(
     int64(
         *(PATCH, writes(float64, 2), writes(float64, 3), STAR, writes(float64, 2)),
-        *(float64, boolean),
+        *(reads(int64, 1), float64),
     )
 )
 def relax_in_bound(
@@ -55,10 +55,10 @@ def relax_in_bound(
     image: Floats,
     star: Star,
     room: Floats,
+    order: Counts,
     floor: float,
-    backwards: bool,
 ) -> int:
-    """Lower the errors around each node in turn; return how many nodes changed.
+    """Lower the errors around each node in `order`; return how many nodes changed.
 
     Parameters
     ----------
@@ -66,14 +66,14 @@ def relax_in_bound(
         See `measure_bound`.
     room : float64 (2, K)
         See `new_system`.
+    order : int64 (k,)
+        Nodes.
     floor : float
         `sharpness` below which no triangle may fall, unless it was below already.
-    backwards : bool
-        Start with the last node.
     """
-    p, count, changed = patch.points, patch.size[0], 0
-    for i in range(count):
-        v = count - 1 - i if backwards else i
+    p, changed = patch.points, 0
+    for i in range(len(order)):
+        v = order[i]
         if patch.at[v] < 0 or patch.held[v] >= SHARED:
             continue
         m, closed = around(patch.triangles, patch.across, patch.at[v], v, star)

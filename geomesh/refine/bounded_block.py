@@ -9,7 +9,7 @@ import numpy as np
 from geomesh.refine.bound import BOUND, measure_bound
 from geomesh.refine.bound_flip import flip_in_bound
 from geomesh.refine.bound_insert import insert_violating
-from geomesh.refine.bound_merge import find_merges, merge_widest
+from geomesh.refine.bound_merge import merge_nodes
 from geomesh.refine.bound_move import new_system, relax_in_bound
 from geomesh.refine.load import grown, ids_of, own_nodes, part_of, patch_of
 from geomesh.refine.patch import new_star, room_for
@@ -18,11 +18,20 @@ from geomesh.refine.split import new_log
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Floats
+    from geomesh.arrays.types import Floats, Mask
     from geomesh.refine.parts import Part
 
 # A triangle is split in a batch if its error is at least this share of its neighbours' errors.
 _SHARE = 0.9
+
+# Share of the nodes that a round must remove for another one to follow.
+_FEW = 0.003
+
+# Most batches of one insertion; a few dozens suffice almost always.
+_INSERTIONS = 500
+
+# Nodes are moved this often where the floor refuses a node, to try again.
+_TRIES = 8
 
 
 class BoundedBlock:
@@ -67,9 +76,12 @@ class BoundedBlock:
     def errors(self) -> Floats:
         """Greatest error of each triangle, in units of the bound; 0 if it has no pixel."""
         if not self._is_measured:
-            measure_bound(self.patch, self.values, self.image, *self._measured)
-            self._is_measured = True
+            self._measure()
         return self._measured[0][: self.patch.size[1]]
+
+    def _measure(self) -> None:
+        measure_bound(self.patch, self.values, self.image, *self._measured)
+        self._is_measured = True
 
     @property
     def worst(self) -> float:
@@ -92,15 +104,25 @@ class BoundedBlock:
         squares = np.sort((sides**2).sum(axis=2), axis=1)
         return int(np.count_nonzero(doubled**2 < self.floor * squares[:, 1] * squares[:, 2]))
 
-    def insert(self, rounds: int) -> int:
+    def insert(self, rounds: int = _INSERTIONS) -> int:
         """Insert nodes until nothing violates the bound; return how many triangles still do."""
+        refused = 0
         for _ in range(rounds):
             order = self._worst_nearby()
             if not room_for(self.patch, len(order)):
                 self._load(self.part(), 4 * len(order))
                 order = self._worst_nearby()
-            if not len(order) or not self._insert(order):
+            if not len(order):
                 break
+            if not self._insert(order):
+                refused += 1
+                if refused > _TRIES:
+                    break
+                near = self._near_violations()
+                self._relax(np.flatnonzero(near))
+                rows = self.patch.size[1]
+                nearby = near[self.patch.triangles[:rows]].any(axis=1)
+                self._flip(np.where(nearby, 0, -1), 3)
         return self.violations
 
     def _worst_nearby(self) -> NDArray[np.int64]:
@@ -110,28 +132,55 @@ class BoundedBlock:
         across = self.patch.across[bad]
         nearby = np.where(across >= 0, errors[across], 0.0).max(axis=1)
         bad = bad[errors[bad] >= _SHARE * nearby]
-        return bad[np.argsort(-errors[bad], kind="stable")]
+        order: NDArray[np.int64] = bad[np.argsort(-errors[bad], kind="stable")]
+        return order
 
     def _insert(self, order: NDArray[np.int64]) -> int:
         touched = np.zeros(len(self.patch.triangles), np.bool_)
+        worst, total, pixel = self._measured
         return insert_violating(
-            *(self.patch, self.values, self.image, self._stars[0], self._log),
-            *self._measured,
-            *(order, touched, self._interval, self.floor),
+            self.patch,
+            self.values,
+            self.image,
+            self._stars[0],
+            self._log,
+            worst,
+            total,
+            pixel,
+            order,
+            touched,
+            self._interval,
+            self.floor,
         )
+
+    def _near_violations(self) -> Mask:
+        """Return which nodes belong to violating triangles or are next to one that does."""
+        triangles = self.patch.triangles[: len(self.errors)]
+        near = np.zeros(self.patch.size[0], np.bool_)
+        near[triangles[self.errors > BOUND]] = True
+        near[triangles[near[triangles].any(axis=1) & self.patch.alive[: len(triangles)]]] = True
+        return near
 
     def relax(self) -> int:
         """Lower the errors near the bound by moving nodes; return how many changed."""
-        self._is_measured = False
         self._backwards = not self._backwards
+        nodes = np.arange(self.patch.size[0])
+        return self._relax(nodes if self._backwards else nodes[::-1].copy())
+
+    def _relax(self, nodes: NDArray[np.int64]) -> int:
+        self._is_measured = False
         return relax_in_bound(
             *(self.patch, self.values, self.image, self._stars[0], self._system),
-            *(self.floor, not self._backwards),
+            *(nodes, self.floor),
         )
 
     def flip(self, passes: int = 3) -> int:
         """Flip edges where that lowers the errors near the bound; return how many."""
-        changed = np.zeros(len(self.errors), np.int64)
+        return self._flip(np.zeros(self.patch.size[1], np.int64), passes)
+
+    def _flip(self, changed: NDArray[np.int64], passes: int) -> int:
+        if not self._is_measured:
+            self._measure()
         return flip_in_bound(
             *(self.patch, self.values, self.image, *self._measured, changed),
             *(self.floor, passes),
@@ -141,9 +190,24 @@ class BoundedBlock:
         """Merge nodes with neighbours as far as the bound allows; return how many vanished."""
         self._is_measured = False
         nodes = self.patch.size[0]
-        width, target = np.empty(nodes), np.empty(nodes, np.int64)
+        width, target = np.full(nodes, -1.0), np.full(nodes, -1)
         common = (self.patch, self.values, self.image, *self._stars, self._interval, self.floor)
-        find_merges(*common, width, target)
+        merge_nodes(*common, np.arange(nodes), width, target, False)
         order = np.argsort(-width, kind="stable")
-        order = order[width[order] >= 0]
-        return merge_widest(*common, width, target, order)
+        return merge_nodes(*common, order[width[order] >= 0], width, target, True)
+
+    def simplify(self, rounds: int) -> int:
+        """Move nodes, flip edges and merge nodes, several times; return how many vanished.
+
+        Then all pixels are measured anew; should one be out of bounds, nodes are inserted there.
+        """
+        merged = 0
+        for _ in range(rounds):
+            self.relax()
+            self.flip()
+            now = self.collapse()
+            merged += now
+            if now <= _FEW * self.own:
+                break
+        self.insert(_INSERTIONS)
+        return merged
