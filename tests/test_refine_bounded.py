@@ -126,7 +126,7 @@ def hard_length(part: Part, along: int, at: float) -> float:
 def refined(image: np.ndarray, rounds: int = 3, spacing: float = 16.0) -> Part:
     block = BoundedBlock(grid_part(image, spacing), image, FLOOR)
     assert block.insert() == 0
-    block.simplify(rounds)
+    block.simplify(rounds, 1)
     assert block.violations == 0
     assert block.below_floor == 0
     return block.part()
@@ -156,6 +156,14 @@ def test_a_block_without_valid_pixels_has_no_errors_and_loses_its_inner_nodes() 
     assert block.insert() == 0
     block.simplify(6)
     assert block.own == 4
+
+
+def test_nodes_without_a_value_are_refused() -> None:
+    image = hills(20, 20)
+    part = grid_part(image)
+    part.values[0] = np.nan
+    with pytest.raises(ValueError, match="finite"):
+        BoundedBlock(part, image, FLOOR)
 
 
 # ---- merges
@@ -252,6 +260,20 @@ def test_a_constant_image_keeps_only_its_corners() -> None:
     part = refined(image, rounds=6)
     assert len(part.points) == 4
     assert_bounded(part, image)
+
+
+def test_places_found_by_newton_steps_save_more_nodes() -> None:
+    image = hills(96, 96, 2, seed=2)
+    counts = []
+    for placing in (False, True):
+        block = BoundedBlock(grid_part(image), image, FLOOR)
+        block.insert()
+        for _ in range(3):
+            block.collapse(placing=placing)
+            block.relax()
+        assert_bounded(block.part(), image)
+        counts.append(block.own)
+    assert counts[1] < counts[0]
 
 
 # ---- moves and flips
@@ -415,6 +437,8 @@ def test_the_plan_inserts_first_and_then_merges_on_other_blocks() -> None:
     fast = schedule(FLOOR, "fast", blocks=True)
     assert sum(step.rounds for step in fast) < sum(step.rounds for step in steps)
     assert [step.rounds for step in schedule(FLOOR, "best", blocks=False)] == [6]
+    assert [step.placing_from for step in merging] == [2, 0, 0]
+    assert {step.placing_from for step in fast} == {None}
     assert LEAST_SIDE == 512
 
 
@@ -458,7 +482,7 @@ def test_whatever_the_image_the_result_is_sound(
     start = grid_part(image, 8)
     block = BoundedBlock(start, image, FLOOR)
     left = block.insert()
-    block.simplify(3)
+    block.simplify(3, 1)
     part = block.part()
     assert_sound(part, image)
     assert sharpness_of(part).min() >= min(FLOOR, sharpness_of(start).min()) * (1 - 1e-9)

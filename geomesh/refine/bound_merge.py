@@ -44,7 +44,7 @@ _STILL_WIDE = 0.7
 
 
 @inner
-def _join_rings(star: Star, m: int, v: int, other: Star, n: int, u: int, ring: Star) -> int:
+def join_rings(star: Star, m: int, v: int, other: Star, n: int, u: int, ring: Star) -> int:
     """Fill `ring` with the triangles that are left around the merged `v` and `u`."""
     k = 0
     for j in range(m):
@@ -152,7 +152,7 @@ def _widest(
         is_border = not closed and (i in (0, m))
         if not can_merge(star, m, closed, other, n, other_closed, is_border):
             continue
-        size = _join_rings(star, m, v, other, n, u, ring)
+        size = join_rings(star, m, v, other, n, u, ring)
         if size == 0:
             continue
         for place in range(_PLACES):

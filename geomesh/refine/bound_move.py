@@ -35,12 +35,12 @@ OF_PLACE, OF_HEIGHT = 5, 4
 
 # Newton's step for the sum of error^8 is a seventh of the one for a sum of squares. Lengths tried
 # begin with the double, and become shorter.
-_FIRST, _SHORTER, _TRIES = 2 / 7, 0.4, 4
+FIRST_SHARE, SHORTER, LENGTHS = 2 / 7, 0.4, 4
 
 
 def new_system(bands: int) -> Floats:
     """Return room for the system of a node, and for its heights."""
-    return np.zeros((2, OF_PLACE + OF_HEIGHT * bands))
+    return np.zeros((3, OF_PLACE + OF_HEIGHT * bands))
 
 
 @kernel(
@@ -64,7 +64,7 @@ def relax_in_bound(
     ----------
     values, image
         See `measure_bound`.
-    room : float64 (2, K)
+    room : float64 (3, K)
         See `new_system`.
     order : int64 (k,)
         Nodes.
@@ -80,14 +80,14 @@ def relax_in_bound(
         if m == 0:
             continue
         x, y = p[v, 0], p[v, 1]
-        before, worst = _gather(p, values, image, star, m, v, x, y, room)
+        before, worst = gather(p, values, image, star, m, x, y, values, v, room)
         if before <= 0:
             continue
         limit = max(BOUND, worst)
         hard, sx, sy = 2, 0.0, 0.0
         if patch.held[v] == FREE:
             hard, sx, sy = freedom(p, patch.hard, v, star, m, closed)
-        dx, dy = _direction(room, image.shape[0], hard, sx, sy)
+        dx, dy = direction(room, image.shape[0], hard, sx, sy)
         length = math.sqrt(dx * dx + dy * dy)
         if not length < math.inf:
             length = 0.0
@@ -96,46 +96,49 @@ def relax_in_bound(
             sharp = star_sharpness(p, x, y, star, m)
         done = False
         for moving in range(1 if length > 0 else 0, -1, -1):
-            share = _FIRST
-            for _ in range(_TRIES):
+            share = FIRST_SHARE
+            for _ in range(LENGTHS):
                 mx, my = 0.0, 0.0
                 if moving:
-                    mx, my = _on_track(
+                    mx, my = on_track(
                         dx, dy, min(share, FARTHEST / max(length, 1e-9)), hard, sx, sy
                     )
                     if mx == 0 and my == 0:
                         break
                     q = star_sharpness(p, x + mx, y + my, star, m)
                     if q <= 0 or q < min(floor, sharp):
-                        share *= _SHORTER
+                        share *= SHORTER
                         continue
-                _new_heights(values, v, room, share, mx, my)
-                if _is_lower(p, values, image, star, m, x + mx, y + my, room, before, limit):
+                new_heights(values, v, image.shape[0], room, share, mx, my)
+                if sum_within(p, values, image, star, m, x + mx, y + my, room, before, limit) >= 0:
                     p[v, 0], p[v, 1] = x + mx, y + my
                     for band in range(image.shape[0]):
                         values[v, band] = room[1, band]
                     changed += 1
                     done = True
                     break
-                share *= _SHORTER
+                share *= SHORTER
             if done:
                 break
     return changed
 
 
 @inner
-def _gather(
+def gather(
     p: Points,
     values: Floats,
     image: Floats,
     star: Star,
     m: int,
-    v: int,
     x: float,
     y: float,
+    heights: Floats,
+    a: int,
     room: Floats,
 ) -> tuple[float, float]:
-    """Fill ``room[0]`` with the Gauss-Newton system of node `v`; return the sum and the worst.
+    """Fill ``room[0]`` with the Gauss-Newton system of a node; return the sum and the worst.
+
+    The node is at (x, y) with the heights ``heights[a]``.
 
     The surface changes by ``weight`` when the height of the node does, and by ``-weight *
     gradient`` when its position does.
@@ -152,7 +155,7 @@ def _gather(
         weight_0 = 1 - weight_x * x - weight_y * y
         corners = by_rows(x, y, bx, by, cx, cy)
         for band in range(image.shape[0]):
-            start = values[v, band]
+            start = heights[a, band]
             fb, fc = values[b, band] - start, values[c, band] - start
             gx, gy = (fb * wy - fc * uy) / d, (fc * ux - fb * wx) / d
             base = start - gx * x - gy * y
@@ -184,7 +187,7 @@ def _gather(
 
 
 @inner
-def _direction(room: Floats, bands: int, hard: int, sx: float, sy: float) -> tuple[float, float]:
+def direction(room: Floats, bands: int, hard: int, sx: float, sy: float) -> tuple[float, float]:
     """Return the step of the position that the system gives, the heights eliminated."""
     xx, xy, yy = room[0, 0] * 1.02, room[0, 1], room[0, 2] * 1.02
     rx, ry = room[0, 3], room[0, 4]
@@ -216,7 +219,7 @@ def _direction(room: Floats, bands: int, hard: int, sx: float, sy: float) -> tup
 
 
 @inner
-def _on_track(
+def on_track(
     dx: float, dy: float, share: float, hard: int, sx: float, sy: float
 ) -> tuple[float, float]:
     """Return a share of a step, on the lattice, along the step (sx, sy) if `hard`."""
@@ -227,16 +230,18 @@ def _on_track(
 
 
 @inner
-def _new_heights(values: Floats, v: int, room: Floats, share: float, mx: float, my: float) -> None:
-    """Fill ``room[1]`` with the heights of node `v` for a step (mx, my) of its position."""
-    for band in range(values.shape[1]):
+def new_heights(
+    heights: Floats, a: int, bands: int, room: Floats, share: float, mx: float, my: float
+) -> None:
+    """Fill ``room[1]`` with the heights ``heights[a]`` after a step (mx, my) of the position."""
+    for band in range(bands):
         at = OF_PLACE + OF_HEIGHT * band
         right = share * room[0, at + 3] - room[0, at + 1] * mx - room[0, at + 2] * my
-        room[1, band] = values[v, band] + right / (room[0, at] * 1.001 + 1e-9)
+        room[1, band] = heights[a, band] + right / (room[0, at] * 1.001 + 1e-9)
 
 
 @inner
-def _is_lower(
+def sum_within(
     p: Points,
     values: Floats,
     image: Floats,
@@ -247,8 +252,11 @@ def _is_lower(
     room: Floats,
     before: float,
     limit: float,
-) -> bool:
-    """Return whether the sum is below `before` with the node at (x, y), and none above `limit`."""
+) -> float:
+    """Return the sum of error^8 with a node at (x, y) that has the heights ``room[1]``.
+
+    -1 if the sum is not below `before`, or an error is above `limit`.
+    """
     total = 0.0
     for j in range(m):
         b, c = star.first[j], star.second[j]
@@ -257,5 +265,5 @@ def _is_lower(
         )
         total += part
         if worst > limit or total >= before:
-            return False
-    return True
+            return -1.0
+    return total

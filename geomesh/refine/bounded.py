@@ -32,6 +32,9 @@ _INSERTIONS = 4
 _MERGES: dict[Effort, tuple[int, int]] = {"fast": (2, 1), "best": (3, 3)}
 _ROUNDS: dict[Effort, int] = {"fast": 1, "best": 6}
 
+# Round from which on Newton steps pay: they take longer, and fewer nodes are left.
+_PLACING_FROM = 2
+
 
 @dataclass(frozen=True)
 class Step:
@@ -45,6 +48,8 @@ class Step:
         Rounds in which nodes are moved and merged, after nodes were inserted.
     floor : float
         `sharpness` below which no triangle may fall.
+    placing_from : int or None
+        The round from which on places of merged nodes are found by Newton steps too.
     if_violated : bool
         The pass is left out if nothing violates the bound after the one before; see `is_needed`.
     """
@@ -52,6 +57,7 @@ class Step:
     shift: tuple[float, float]
     rounds: int
     floor: float
+    placing_from: int | None = None
     if_violated: bool = False
 
 
@@ -91,14 +97,18 @@ def schedule(floor: float, effort: Effort, *, blocks: bool) -> list[Step]:
     blocks : bool
         Whether the mesh is divided; False: all of it is one block, and one pass suffices.
     """
+    place = effort == "best"
     if not blocks:
-        return [Step(SHIFTS[0], _ROUNDS[effort], floor)]
+        return [Step(SHIFTS[0], _ROUNDS[effort], floor, _PLACING_FROM if place else None)]
     passes, rounds = _MERGES[effort]
     steps = []
     for i in range(_INSERTIONS + passes):
-        inserts = i < _INSERTIONS
-        shift = SHIFTS[i % len(SHIFTS)]
-        steps.append(Step(shift, 0 if inserts else rounds, floor, inserts and i > 0))
+        shift, merging = SHIFTS[i % len(SHIFTS)], i - _INSERTIONS
+        if merging < 0:
+            steps.append(Step(shift, 0, floor, if_violated=i > 0))
+        else:
+            start = max(_PLACING_FROM - merging * rounds, 0)
+            steps.append(Step(shift, rounds, floor, start if place else None))
     return steps
 
 
@@ -120,6 +130,6 @@ def work(part: Part, image: Floats, step: Step) -> tuple[Part, Report]:
     """
     block = BoundedBlock(part, image, step.floor)
     block.insert()
-    merged = block.simplify(step.rounds) if step.rounds else 0
+    merged = block.simplify(step.rounds, step.placing_from) if step.rounds else 0
     report = Report(block.own, merged, block.violations, block.below_floor, block.worst)
     return block.part(), report

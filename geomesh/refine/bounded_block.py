@@ -40,15 +40,22 @@ class BoundedBlock:
     Parameters
     ----------
     part : Part
-        The triangles, with values in units of the bound at the nodes.
+        The triangles, with values in units of the bound at the nodes; all are finite.
     image : float64 (B, h, w)
         In units of the bound: each band divided by the error that is allowed in it. NaN where a
         pixel is not valid.
     floor : float
         `sharpness` below which no triangle may fall.
+
+    Raises
+    ------
+    ValueError
+        If a node has a value that is not finite: errors next to it would go unseen.
     """
 
     def __init__(self, part: Part, image: Floats, floor: float) -> None:
+        if not np.isfinite(part.values).all():
+            raise ValueError("all nodes need finite values")
         self.image, self.floor = image, floor
         self._stars, self._log = (new_star(), new_star(), new_star()), new_log()
         bands = part.values.shape[1]
@@ -186,28 +193,40 @@ class BoundedBlock:
             *(self.floor, passes),
         )
 
-    def collapse(self) -> int:
-        """Merge nodes with neighbours as far as the bound allows; return how many vanished."""
+    def collapse(self, *, placing: bool = False) -> int:
+        """Merge nodes with neighbours as far as the bound allows; return how many vanished.
+
+        `placing` also looks for places of merged nodes by Newton steps, which takes longer.
+        """
         self._is_measured = False
         nodes = self.patch.size[0]
         width, target = np.full(nodes, -1.0), np.full(nodes, -1)
-        common = (self.patch, self.values, self.image, *self._stars, self._interval, self.floor)
-        merge_nodes(*common, np.arange(nodes), width, target, False)
+        common = (self.patch, self.values, self.image, *self._stars, self._interval)
+        merge_nodes(*common, self.floor, np.arange(nodes), width, target, False)
         order = np.argsort(-width, kind="stable")
-        return merge_nodes(*common, order[width[order] >= 0], width, target, True)
+        order = order[width[order] >= 0]
+        merged = merge_nodes(*common, self.floor, order, width, target, True)
+        if placing:
+            # Imported here, so that it is compiled only when used.
+            from geomesh.refine.bound_place import place_merged
 
-    def simplify(self, rounds: int) -> int:
+            merged += place_merged(*common, self._system, self.floor, np.flatnonzero(width < 0))
+        return merged
+
+    def simplify(self, rounds: int, placing_from: int | None = None) -> int:
         """Move nodes, flip edges and merge nodes, several times; return how many vanished.
 
-        Then all pixels are measured anew; should one be out of bounds, nodes are inserted there.
+        From the round `placing_from` on, places are found by Newton steps too. In the end all
+        pixels are measured anew; should one be out of bounds, nodes are inserted there.
         """
         merged = 0
-        for _ in range(rounds):
+        for i in range(rounds):
             self.relax()
             self.flip()
-            now = self.collapse()
+            placing = placing_from is not None and i >= placing_from
+            now = self.collapse(placing=placing)
             merged += now
-            if now <= _FEW * self.own:
+            if now <= _FEW * self.own and (placing or placing_from is None):
                 break
         self.insert(_INSERTIONS)
         return merged
