@@ -13,8 +13,8 @@ import numpy as np
 
 from geomesh.arrays.jit import float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import BOUND, triangle_error
-from geomesh.refine.move import FARTHEST, freedom
 from geomesh.refine.patch import (
+    FARTHEST,
     FREE,
     PATCH,
     SHARED,
@@ -22,6 +22,7 @@ from geomesh.refine.patch import (
     Patch,
     Star,
     around,
+    freedom,
     on_lattice,
     star_sharpness,
 )

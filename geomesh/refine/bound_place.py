@@ -18,8 +18,8 @@ from geomesh.refine.bound_move import (
     on_track,
     sum_within,
 )
-from geomesh.refine.move import FARTHEST
 from geomesh.refine.patch import (
+    FARTHEST,
     FREE,
     MOST_AROUND,
     PATCH,

@@ -31,6 +31,7 @@ from geomesh.refine.moments import (
     take_best_values,
 )
 from geomesh.refine.patch import (
+    FARTHEST,
     FREE,
     PATCH,
     SHARED,
@@ -38,20 +39,15 @@ from geomesh.refine.patch import (
     Patch,
     Star,
     around,
-    hard_spokes,
-    lattice_step,
+    freedom,
     on_lattice,
     star_sharpness,
-    straight,
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from geomesh.arrays.types import Floats, Points
 
-# The farthest that a node moves in one step, in pixels, and how often a step is halved.
-FARTHEST = 1.5
+# How often a step is halved.
 TRIES = 3
 
 # Added to the curvature of the error, so that nodes in flat areas stay where they are.
@@ -148,23 +144,6 @@ def _gather(
     for j in range(m):
         row = star.triangles[j] if by_triangle else j
         add_to_system(p, values, moments, row, x, y, v, star.first[j], star.second[j], systems, s)
-
-
-@inner
-def freedom(
-    p: Points, hard: NDArray[np.uint8], v: int, star: Star, m: int, closed: bool
-) -> tuple[int, float, float]:
-    """Return how a node may move: 0 anywhere, 1 along the step (x, y) that follows, 2 not at all.
-
-    A node between two hard edges may move along them, on the lattice, if they are straight.
-    """
-    count, one, far = hard_spokes(hard, star, m, closed)
-    if count == 0:
-        return 0, 0.0, 0.0
-    if count == 2 and straight(p, v, one, far):
-        sx, sy, _ = lattice_step(p[far, 0] - p[one, 0], p[far, 1] - p[one, 1])
-        return 1, sx, sy
-    return 2, 0.0, 0.0
 
 
 @inner

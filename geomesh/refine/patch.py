@@ -37,6 +37,9 @@ LATTICE = 256.0
 # Doubled area in square pixels below which no triangle is made.
 LEAST_AREA = 0.1
 
+# The farthest that a node moves in one step, in pixels.
+FARTHEST = 1.5
+
 
 class Patch(NamedTuple):
     """Triangles that compiled loops change in place. Arrays have room for more.
@@ -234,6 +237,23 @@ def straight(p: Points, v: int, one: int, other: int) -> bool:
     ux, uy = p[one, 0] - p[v, 0], p[one, 1] - p[v, 1]
     wx, wy = p[other, 0] - p[v, 0], p[other, 1] - p[v, 1]
     return bool(ux * wy == uy * wx and ux * wx + uy * wy < 0)
+
+
+@inner
+def freedom(
+    p: Points, hard: NDArray[np.uint8], v: int, star: Star, m: int, closed: bool
+) -> tuple[int, float, float]:
+    """Return how a node may move: 0 anywhere, 1 along the step (x, y) that follows, 2 not at all.
+
+    A node between two hard edges may move along them, on the lattice, if they are straight.
+    """
+    count, one, far = hard_spokes(hard, star, m, closed)
+    if count == 0:
+        return 0, 0.0, 0.0
+    if count == 2 and straight(p, v, one, far):
+        sx, sy, _ = lattice_step(p[far, 0] - p[one, 0], p[far, 1] - p[one, 1])
+        return 1, sx, sy
+    return 2, 0.0, 0.0
 
 
 @inner

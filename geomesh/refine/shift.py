@@ -13,14 +13,16 @@ import numpy as np
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel
 from geomesh.refine.moments import IMAGE, ROOM, SURFACE, Image, Room, Surface, spread
-from geomesh.refine.move import FARTHEST, TRIES, freedom, moved_moments, take_moments
+from geomesh.refine.move import TRIES, moved_moments, take_moments
 from geomesh.refine.patch import (
+    FARTHEST,
     FREE,
     PATCH,
     STAR,
     Patch,
     Star,
     around,
+    freedom,
     on_lattice,
     star_sharpness,
 )
