@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +18,7 @@ from geomesh.refine.bound_merge import merge_nodes
 from geomesh.refine.bounded import LEAST_SIDE, Report, Step, is_needed, schedule, work
 from geomesh.refine.bounded_block import BoundedBlock
 from geomesh.refine.parts import Part, divide
-from geomesh.refine.patch import BORDER, OTHER_PATCH, SHARED, STAYS, new_star
+from geomesh.refine.patch import BORDER, OTHER_PATCH, SHARED, SHARED_TWICE, STAYS, new_star
 
 FLOOR = float(np.sin(np.radians(10)) ** 2)
 
@@ -253,6 +254,32 @@ def test_merging_keeps_the_bound_and_removes_many_nodes() -> None:
     assert merged > before // 4
     assert block.own == before - merged
     assert_bounded(block.part(), image)
+
+
+def test_no_node_is_merged_into_one_between_two_fans() -> None:
+    image = np.zeros((1, 32, 32))
+    grid = grid_part(image, 8)
+    middle, near = (int(np.flatnonzero((grid.points == at).all(axis=1))[0]) for at in (15.5, 7.5))
+    low, high = corners_of(grid).min(axis=(1, 2)), corners_of(grid).max(axis=(1, 2))
+    rows = np.concatenate([np.flatnonzero(low >= 15), np.flatnonzero(high <= 16)])
+    triangles = grid.triangles[rows]
+    across = neighbours(triangles)
+    across[(across < 0) & (grid.across[rows] >= 0)] = OTHER_PATCH
+    held = np.zeros(len(grid.points), np.uint8)
+    for k in range(3):
+        held[np.delete(triangles, k, axis=1)[across[:, k] == OTHER_PATCH]] = SHARED
+    held[middle] = SHARED_TWICE
+    part = replace(grid, held=held, triangles=triangles, across=across, hard=grid.hard[rows])
+    block = BoundedBlock(part, image, FLOOR)
+    before = np.count_nonzero(triangles == middle)
+    width, target = np.zeros(len(held)), np.full(len(held), 2 * middle)
+    stars = (new_star(), new_star(), new_star())
+    merged = merge_nodes(
+        *(block.patch, block.values, image, *stars, np.zeros((4, 1)), FLOOR),
+        *(np.array([near]), width, target, True),
+    )
+    assert merged == 1
+    assert np.count_nonzero(block.patch.triangles[block.patch.alive] == middle) <= before
 
 
 def test_a_constant_image_keeps_only_its_corners() -> None:
