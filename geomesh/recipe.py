@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from geomesh.errors import RecipeError
-from geomesh.parameters import DEFAULT_BUDGET, DEFAULT_STATISTICS, RULES
+from geomesh.parameters import DEFAULT_BUDGET, DEFAULT_STATISTICS, RULES, Effort, Model
 
 # Up to this octave, a tile with a halo of 64 pixels gives the keypoints of the whole image.
 LOCAL_OCTAVE = 2
@@ -141,8 +141,8 @@ class Recipe:
     max_error: float | tuple[float, ...] | None = None
     rmse: float | tuple[float, ...] | None = None
     min_angle: float = 10.0
-    model: str = "linear"
-    effort: str = "normal"
+    model: Model = "linear"
+    effort: Effort = "normal"
     keep_features: bool = False
     statistics: tuple[str, ...] = DEFAULT_STATISTICS
 

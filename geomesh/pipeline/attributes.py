@@ -94,7 +94,7 @@ def describe(
             scene,
             workers,
             part_of(progress, 0.7, 1),
-            model=recipe.model,  # type: ignore[arg-type]
+            model=recipe.model,
         )
         refinement = record_refinement(
             recipe,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,13 +10,14 @@ import numpy as np
 
 from geomesh.arrays.table import Table
 from geomesh.mesh.topology import boundary_edges
+from geomesh.parallel.progress import part_of
 from geomesh.pipeline.nodes import wanted_nodes
 from geomesh.pipeline.start import grid_spacing
 from geomesh.refine.passes import Crew
 from geomesh.refine.plan import refine_to_nodes, refine_to_rmse
 from geomesh.refine.refined import start_part
 from geomesh.refine.settings import Settings, block_size
-from geomesh.refine.units import even_units
+from geomesh.refine.units import bound_units, even_units
 from geomesh.surface.record import limits_of
 
 if TYPE_CHECKING:
@@ -32,6 +34,13 @@ if TYPE_CHECKING:
     from geomesh.recipe import Recipe
     from geomesh.refine.parts import Part
     from geomesh.refine.refined import Refined
+
+
+# To find the smallest bound that so many nodes can keep: how often to try, which share of the nodes
+# is close enough, and the power with which nodes usually grow with the bound.
+_MOST_TRIALS = 6
+_CLOSE = 0.97
+_USUAL_POWER = -1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +129,8 @@ def _reach_goal(
     size = block_size(pixels, wanted, grid_spacing(pixels, wanted))
     limits = limits_of(recipe, len(scene.bands))
     crew = Crew(scene, even_units(*overview), workers, size, is_late)
+    if recipe.max_error is not None:
+        return _reach_bound(crew, settings, start, limits, budget, progress)
     if recipe.rmse is not None:
         most = budget or pixels
         refined, reached = refine_to_rmse(crew, settings, start, limits, wanted, most, progress)
@@ -135,6 +146,64 @@ def _reach_goal(
         f"{count} of the {budget} requested nodes: no more fit where the surface differs from the "
         "raster"
     )
+
+
+def _reach_bound(
+    crew: Crew,
+    settings: Settings,
+    start: Part,
+    limits: Sequence[float],
+    most: int | None,
+    progress: Progress,
+) -> tuple[Refined, str]:
+    """Return a mesh within a bound, or else the best one of at most `most` nodes, and why."""
+    # Imported here: these kernels take long to compile, and no other goal needs them.
+    from geomesh.refine.bound_plan import refine_to_bound
+
+    offset, factor, trials = crew.units.offset, 1.0, list[tuple[float, int]]()
+    best: Refined | None = None
+    for turn in range(_MOST_TRIALS):
+        within = replace(crew, units=bound_units([factor * e for e in limits], offset))
+        more = progress if most is None else part_of(progress, turn / 4, (turn + 1) / 4)
+        bounded = refine_to_bound(within, settings, start, more)
+        count = len(bounded.refined.nodes)
+        trials.append((factor, count))
+        if most is None or (count <= most and turn == 0):
+            best = bounded.refined
+            break
+        if count <= most:
+            best = bounded.refined
+        if not bounded.refined.in_time or (count <= most and count > _CLOSE * most):
+            break
+        factor = _next_factor(trials, most)
+    refined = bounded.refined if best is None else best
+    if trials[-1][0] == 1 and bounded.violations:
+        return refined, (
+            f"{bounded.violations} triangles have a pixel farther than {_each(limits)} from the "
+            "surface, because triangles there would become too thin"
+        )
+    if trials[0][1] > (most or trials[0][1]):
+        return refined, (
+            f"an error of {_each(limits)} needs about {trials[0][1]} nodes, more than the {most} "
+            "allowed"
+        )
+    return refined, ""
+
+
+def _next_factor(trials: Sequence[tuple[float, int]], most: int) -> float:
+    """Return the factor of the bound to try, so that a mesh has a little less than `most` nodes.
+
+    Parameters
+    ----------
+    trials : sequence of (factor, nodes)
+    most : int
+    """
+    factor, count = trials[-1]
+    power = _USUAL_POWER
+    if len(trials) > 1 and trials[-2][1] != count and trials[-2][0] != factor:
+        before, others = trials[-2]
+        power = min(max(math.log(count / others) / math.log(factor / before), -3.0), -0.5)
+    return float(factor * ((1 + _CLOSE) / 2 * most / count) ** (1 / power))
 
 
 def _each(limits: Sequence[float]) -> str:

@@ -7,30 +7,28 @@ have their turn then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from geomesh.refine.bounded_block import BoundedBlock
+from geomesh.refine.least_squares import sampled
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from geomesh.arrays.types import Floats
+    from geomesh.arrays.types import Floats, Mask
+    from geomesh.parameters import Effort
     from geomesh.refine.parts import Part
-
-Effort = Literal["fast", "best"]
-
-# Smallest side of a block in pixels.
-LEAST_SIDE = 512.0
-
-# Positions of the blocks by pass, as shares of their side, and again. Where the borders of two
-# passes cross, the third has none.
-SHIFTS = ((0.0, 0.0), (0.5, 0.5), (0.25, 0.75), (0.75, 0.25))
 
 # Passes that insert nodes; passes that merge them and the rounds of each; rounds in a single block.
 _INSERTIONS = 4
-_MERGES: dict[Effort, tuple[int, int]] = {"fast": (2, 1), "best": (3, 3)}
-_ROUNDS: dict[Effort, int] = {"fast": 1, "best": 6}
+_MERGES: Mapping[Effort, tuple[int, int]] = MappingProxyType(
+    {"fast": (2, 1), "normal": (3, 3), "best": (3, 3)}
+)
+_ROUNDS: Mapping[Effort, int] = MappingProxyType({"fast": 1, "normal": 6, "best": 6})
 
 # Round from which on Newton steps pay: they take longer, and fewer nodes are left.
 _PLACING_FROM = 2
@@ -42,8 +40,6 @@ class Step:
 
     Parameters
     ----------
-    shift : (float, float)
-        Position of the blocks, as a share of their side; see `geomesh.refine.parts.divide`.
     rounds : int
         Rounds in which nodes are moved and merged, after nodes were inserted.
     floor : float
@@ -52,13 +48,15 @@ class Step:
         The round from which on places of merged nodes are found by Newton steps too.
     if_violated : bool
         The pass is left out if nothing violates the bound after the one before; see `is_needed`.
+    is_first : bool
+        Whether the nodes have no values yet.
     """
 
-    shift: tuple[float, float]
     rounds: int
     floor: float
     placing_from: int | None = None
     if_violated: bool = False
+    is_first: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,23 +91,22 @@ def schedule(floor: float, effort: Effort, *, blocks: bool) -> list[Step]:
     ----------
     floor : float
         `sharpness` below which no triangle may fall.
-    effort : {"fast", "best"}
+    effort : {"fast", "normal", "best"}
+        "best": places of merged nodes are also found by Newton steps.
     blocks : bool
         Whether the mesh is divided; False: all of it is one block, and one pass suffices.
     """
     place = effort == "best"
     if not blocks:
-        return [Step(SHIFTS[0], _ROUNDS[effort], floor, _PLACING_FROM if place else None)]
+        start = _PLACING_FROM if place else None
+        return [Step(_ROUNDS[effort], floor, start, is_first=True)]
+    steps = [Step(0, floor, if_violated=i > 0, is_first=i == 0) for i in range(_INSERTIONS)]
     passes, rounds = _MERGES[effort]
-    steps = []
-    for i in range(_INSERTIONS + passes):
-        shift, merging = SHIFTS[i % len(SHIFTS)], i - _INSERTIONS
-        if merging < 0:
-            steps.append(Step(shift, 0, floor, if_violated=i > 0))
-        else:
-            start = max(_PLACING_FROM - merging * rounds, 0)
-            steps.append(Step(shift, rounds, floor, start if place else None))
-    return steps
+    for i in range(passes):
+        start = max(_PLACING_FROM - i * rounds, 0) if place else None
+        steps.append(Step(rounds, floor, start))
+    # Blocks may leave pixels out of bounds beside their borders.
+    return [*steps, *[Step(0, floor, if_violated=True)] * _INSERTIONS]
 
 
 def is_needed(step: Step, reports: Sequence[Report]) -> bool:
@@ -117,18 +114,11 @@ def is_needed(step: Step, reports: Sequence[Report]) -> bool:
     return not step.if_violated or any(report.violations for report in reports)
 
 
-def work(part: Part, image: Floats, step: Step) -> tuple[Part, Report]:
-    """Do one step on one block.
-
-    Parameters
-    ----------
-    part : Part
-        With values in units of the bound.
-    image : float64 (B, h, w)
-        In units of the bound; NaN where a pixel is not valid.
-    step : Step
-    """
-    block = BoundedBlock(part, image, step.floor)
+def bound_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[Part, Report]:
+    """Do one step on one block: see `geomesh.refine.passes.Work`. Units are those of the bound."""
+    if step.is_first:
+        part = replace(part, values=sampled(part.points, pixels, valid))
+    block = BoundedBlock(part, np.where(valid, pixels, np.nan), step.floor)
     block.insert()
     merged = block.simplify(step.rounds, step.placing_from) if step.rounds else 0
     report = Report(block.own, merged, block.violations, block.below_floor, block.worst)

@@ -100,7 +100,7 @@ class Report:
 def refine_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[Part, Report]:
     """Refine one block: see `geomesh.refine.passes.Work`."""
     if step.is_first:
-        part = replace(part, values=_sampled(part.points, pixels, valid))
+        part = replace(part, values=sampled(part.points, pixels, valid))
     block = Block(part, image_of(pixels, valid), step.floor, step.model)
     if step.is_first:
         block.relax(2, moving=False)
@@ -113,7 +113,7 @@ def refine_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[P
     return block.part(), Report(block.own, block.error, block.pixels)
 
 
-def _sampled(points: Floats, pixels: Floats, valid: Mask) -> Floats:
+def sampled(points: Floats, pixels: Floats, valid: Mask) -> Floats:
     """Return the values (n, B) of the pixels at nodes, or of a valid pixel beside them, or 0.
 
     `points` are relative to the centre of the first pixel.

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from geomesh.refine.least_squares import STAGES, Stage
+
+if TYPE_CHECKING:
+    from geomesh.parameters import Effort, Model
 
 # Blocks have at least this side in pixels, and about this many nodes; but not more pixels than
 # a worker has memory for.
@@ -27,8 +31,8 @@ class Settings:
     """
 
     min_angle: float
-    model: str
-    effort: str
+    model: Model
+    effort: Effort
 
     @property
     def floor(self) -> float:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Floats, Mask
@@ -64,6 +66,18 @@ def even_units(bands: NDArray[Any], valid: Mask) -> Units:
     return Units(np.rint(middle / step) * step, scale)
 
 
-def bound_units(limits: tuple[float, ...]) -> Units:
-    """Return units in which the bound of each band is 1."""
-    return Units(np.zeros(len(limits)), np.array(limits, np.float64))
+# Heights are kept within this share of the bound, so that it holds for the numbers as written.
+_WITHIN = 1 - 1e-4
+
+
+def bound_units(limits: Sequence[float], offset: Floats) -> Units:
+    """Return units in which the bound of each band is a little more than 1.
+
+    Parameters
+    ----------
+    limits : sequence of float
+        The bound of each band, in the raster's units.
+    offset : float64 (B,)
+        Usual values of the bands.
+    """
+    return Units(offset, np.array(limits, np.float64) * _WITHIN)

@@ -75,7 +75,7 @@ def record_refinement(
         In degrees. Default: the recipe's `min_angle`.
     """
     return Refinement(
-        model=recipe.model,  # type: ignore[arg-type]
+        model=recipe.model,
         goal=goal_of(recipe),
         budget=budget,
         limits=limits_of(recipe, len(accuracy.bands)),
