@@ -163,7 +163,7 @@ def test_all_methods_get_as_many_nodes_and_the_same_plane(comparison):
     for image in (OLINDA, NOWHERE):
         for plane, first in (("256x256", "paper"), ("native", "features")):
             records = [r for r in comparison.records if (r.image, r.plane) == (str(image), plane)]
-            presets = ["paper", "features"] if plane == "256x256" else ["features"]
+            presets = ["paper", "features", "adaptive"][plane == "native" :]
             assert [r.method for r in records] == [*presets, *NAMES]
             assert records[0].method == first
             with rasterio.open(image) as dataset:
@@ -171,6 +171,26 @@ def test_all_methods_get_as_many_nodes_and_the_same_plane(comparison):
             assert {(r.width, r.height) for r in records} == {size}
             assert {r.wanted for r in records} == {records[0].figures.nodes}
             assert {r.figures.nodes for r in records} == {records[0].figures.nodes}
+
+
+def test_adaptive_refines_the_gray_image_of_the_plane(comparison, small_gray):
+    found = figures_of(comparison, OLINDA, "256x256", "adaptive")
+    mesh = geomesh.mesh_raster((small_gray, None, None), preset="adaptive", nodes=int(found.nodes))
+    assert (found.nodes, found.triangles) == (len(mesh.nodes), len(mesh.triangles))
+    # Keypoints are those of the plane, which is not stretched, so the starts differ a little.
+    (band,) = mesh.metadata["refinement"]["bands"]
+    rmse = 255 / 10 ** (found.psnr_whole / 20)
+    assert rmse == pytest.approx(band["rmse"], rel=0.03)
+
+
+def test_adaptive_keeps_its_floor_and_is_nearest_to_the_image(comparison):
+    for plane, image in (("256x256", OLINDA), ("native", OLINDA), ("native", DEM)):
+        records = [r for r in comparison.records if (r.image, r.plane) == (str(image), plane)]
+        found = {r.method: r.figures for r in records}
+        ours = found.pop("adaptive")
+        assert ours.angle_under_10 == 0
+        assert ours.covered == 1
+        assert ours.psnr_whole > max(other.psnr_whole for other in found.values()) + 1
 
 
 def test_bounds_that_every_mesh_keeps(comparison):
@@ -292,8 +312,9 @@ def test_json_is_json(comparison):
 
 def test_the_figure_shows_every_method_and_image(comparison, tmp_path):
     figure = draw_comparison(comparison)
+    names = ["features", "adaptive", *NAMES]
     labels = [[text.get_text() for text in ax.get_yticklabels()] for ax in figure.axes[::3]]
-    assert labels == [["paper", "features", *NAMES], ["features", *NAMES]]
+    assert labels == [["paper", *names], names]
     assert "2 images" in figure.axes[0].get_title(loc="left")
     assert "3 images" in figure.axes[3].get_title(loc="left")
     drawn = [line.get_xdata() for line in figure.axes[1].lines if line.get_marker() == "o"]
@@ -327,10 +348,10 @@ def test_the_command_prints_tables_and_writes_csv_and_figure(tmp_path, compariso
         *(f"{v:.2f}" for v in (paper.ab, paper.bc, paper.ca, paper.ki)),
     ]
     assert line[1:6] == expected
-    for name in ("paper", "features", *NAMES):
+    for name in ("paper", "features", "adaptive", *NAMES):
         assert f"\n  {name}" in stdout
     assert stdout.endswith(f"{table}: written\n{picture}: written\n")
-    assert len(list(csv.DictReader(table.open()))) == 2 * 15 + 2 * 15
+    assert len(list(csv.DictReader(table.open()))) == 2 * 17 + 2 * 17
     assert imread(picture).std() > 0.05
 
 
@@ -346,7 +367,10 @@ def test_programs_get_events_or_json(tmp_path):
         "figures": {"images": 1, "failed": 0},
     }
     document = json.loads(run(OLINDA, "--json")[0])
-    assert {row["method"] for row in document["results"]} == {"paper", "features", *NAMES}
+    assert {row["method"] for row in document["results"]} == {
+        *("paper", "features", "adaptive"),
+        *NAMES,
+    }
 
 
 # Choice of images

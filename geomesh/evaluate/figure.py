@@ -27,7 +27,7 @@ _PLANES = {
     "256x256": "256 × 256 pixels, as many nodes as “paper” finds",
     "native": "native resolution, as many nodes as “features” finds",
 }
-_PRESETS = ("paper", "features")
+_PRESETS = ("paper", "features", "adaptive")
 _REFERENCE = "random"
 
 # With more images than this, the points would hide the boxes.

@@ -8,6 +8,10 @@ In each plane, all methods get the same gray image and the same number of nodes:
   of nodes is the number that this preset finds. To limit the work, only the middle of an
   image with a side of more than 2048 pixels is used: 1024 x 1024 pixels, as in
   `geomesh stages`.
+
+The `adaptive` preset gets the same gray image as its raster, and the same number of nodes as its
+goal. Its mesh covers the whole image, so that the outline of valid data needs no nodes: baselines
+do not follow it either.
 """
 
 from __future__ import annotations
@@ -22,11 +26,17 @@ from geomesh.delaunay.triangulate import delaunay
 from geomesh.evaluate.baselines import baselines
 from geomesh.features.detect import Detection, detect_keypoints, shrink
 from geomesh.features.gray_image import SceneGray
+from geomesh.features.overview import read_overview
+from geomesh.mesh.triangle_mesh import TriangleMesh
+from geomesh.parallel.deadline import never
 from geomesh.parallel.progress import silent
 from geomesh.pipeline.mesh_scene import scene_tone, triangulate_nodes
-from geomesh.pipeline.nodes import NodeSet, place_nodes
+from geomesh.pipeline.nodes import NodeSet, place_nodes, wanted_nodes
+from geomesh.pipeline.refine_scene import refine_scene
+from geomesh.pipeline.start import grid_spacing, start_nodes
 from geomesh.raster.crop import middle
 from geomesh.raster.grid import Grid
+from geomesh.raster.open import open_scene
 from geomesh.recipe import Recipe
 
 if TYPE_CHECKING:
@@ -37,7 +47,7 @@ if TYPE_CHECKING:
     from geomesh.parallel.workers import Workers
     from geomesh.raster.scene import Scene
 
-PAPER, FEATURES = "paper", "features"
+PAPER, FEATURES, ADAPTIVE = "paper", "features", "adaptive"
 
 # Points (N, 2) and triangles (T, 3).
 PlaneMesh = tuple[Points, Triangles]
@@ -72,10 +82,10 @@ class Plane:
 
 
 def paper_plane(scene: Scene, workers: Workers) -> Plane:
-    """Return the gray image at 256 x 256 pixels, with the meshes of both presets.
+    """Return the gray image at 256 x 256 pixels, with the meshes of the presets.
 
-    The `features` preset gets the same gray image and the number of nodes that the `paper`
-    preset finds. If the keypoints of the `paper` preset span no area, there is no number of
+    The other presets get the same gray image and the number of nodes that the `paper` preset
+    finds. If the keypoints of the `paper` preset span no area, there is no number of
     nodes for a comparison; then the plane has only an empty mesh of that preset.
     """
     recipe = Recipe.from_preset(PAPER)
@@ -89,22 +99,24 @@ def paper_plane(scene: Scene, workers: Workers) -> Plane:
         return Plane(plain.gray, plain.valid, 0, {PAPER: nothing})
     wanted = len(nodes.points)
     other = Recipe.from_preset(FEATURES).with_values(nodes=wanted)
-    _, ours = _mesh(
-        detect_keypoints(plain, other, workers, silent), Grid(*recipe.resize), other, workers
-    )
-    return Plane(plain.gray, plain.valid, wanted, {PAPER: published, FEATURES: ours})
+    found = detect_keypoints(plain, other, workers, silent)
+    _, ours = _mesh(found, Grid(*recipe.resize), other, workers)
+    refined = _refined(plain.gray, plain.valid, found, wanted, workers)
+    presets = {PAPER: published, FEATURES: ours, ADAPTIVE: refined}
+    return Plane(plain.gray, plain.valid, wanted, presets)
 
 
 def native_plane(scene: Scene, workers: Workers) -> Plane:
-    """Return the gray image at full resolution, with the mesh of the `features` preset."""
+    """Return the gray image at full resolution, with the meshes of the other presets."""
     recipe = Recipe.from_preset(FEATURES)
     scene = middle(scene)
     image = SceneGray(scene, scene_tone(scene, recipe, workers, silent), recipe.sobel)
-    nodes, mesh = _mesh(
-        detect_keypoints(image, recipe, workers, silent), scene.grid, recipe, workers
-    )
+    found = detect_keypoints(image, recipe, workers, silent)
+    nodes, mesh = _mesh(found, scene.grid, recipe, workers)
+    wanted = len(nodes.points)
     gray, valid = image.read(image.extent)
-    return Plane(gray, valid, len(nodes.points), {FEATURES: mesh})
+    refined = _refined(gray, valid, found, wanted, workers)
+    return Plane(gray, valid, wanted, {FEATURES: mesh, ADAPTIVE: refined})
 
 
 def _mesh(
@@ -115,6 +127,35 @@ def _mesh(
     nodes, triangles = triangulate_nodes(chosen, grid, detection.size, workers.local)
     width, height = detection.size
     return nodes, (nodes.points * (width / grid.width, height / grid.height), triangles)
+
+
+def _refined(
+    gray: Gray, valid: NDArray[np.bool_], detection: Detection, wanted: int, workers: Workers
+) -> PlaneMesh:
+    """Return the mesh of the `adaptive` preset: its raster is the gray image of the plane.
+
+    The detection is that of the other preset, on the same image.
+    """
+    recipe = Recipe.from_preset(ADAPTIVE).with_values(nodes=wanted, domain="image")
+    scene = open_scene((np.ma.array(gray, mask=~valid), None, None))
+    nodes = place_nodes(detection, scene.grid, recipe)
+    pixels = nodes.domain.valid_pixels
+    spacing = grid_spacing(pixels, wanted_nodes(recipe, pixels))
+    nodes = start_nodes(nodes, scene.grid, spacing, recipe.min_angle, workers.local)
+    nodes, triangles = triangulate_nodes(nodes, scene.grid, detection.size, workers.local)
+    start = TriangleMesh(
+        nodes=nodes.points,
+        triangles=triangles,
+        grid=scene.grid,
+        domain=nodes.domain,
+        constraints=nodes.segments,
+        plane_size=detection.size,
+        node_table=nodes.table,
+    )
+    with scene.open():
+        overview = read_overview(scene, workers, silent)
+        mesh = refine_scene(start, scene, recipe, overview, workers, silent, is_late=never).mesh
+    return mesh.nodes, mesh.triangles
 
 
 PLANES: Mapping[str, Callable[[Scene, Workers], Plane]] = {
