@@ -43,6 +43,9 @@ def main() -> None:
     draw_hero()
     draw_how_to()
     draw_help()
+    import adaptive_pictures  # which imports this module
+
+    adaptive_pictures.main()
 
 
 def draw_hero() -> None:
