@@ -1,0 +1,52 @@
+"""Domains that touch themselves at a corner are refined like others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import geomesh
+from geomesh.mesh.topology import boundary_edges
+from geomesh.refine.parts import divide
+from geomesh.refine.refined import start_part
+
+
+@pytest.fixture(scope="module")
+def touching():
+    """A raster whose valid pixels are random squares of 16 pixels; many touch at a corner only."""
+    lots = np.random.default_rng(3)
+    squares = lots.random((40, 64)) < 0.6
+    valid = np.kron(squares, np.ones((16, 16))).astype(bool)
+    x, y = np.meshgrid(np.arange(valid.shape[1]), np.arange(valid.shape[0]))
+    values = 100 + 60 * np.sin(x / 23) * np.cos(y / 17) + lots.normal(0, 4, valid.shape)
+    return np.ma.array(values.astype(np.float32), mask=~valid), None, None
+
+
+def pinched(mesh):
+    ends = np.bincount(boundary_edges(mesh.triangles).ravel(), minlength=len(mesh.nodes))
+    return set(map(tuple, mesh.nodes[ends > 2]))
+
+
+@pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
+@pytest.mark.parametrize("nodes", [500, 20_000])
+def test_nodes_where_the_domain_touches_itself_stay(touching, nodes):
+    start = pinched(geomesh.mesh_raster(touching, preset="features"))
+    assert len(start) > 100
+    mesh = geomesh.mesh_raster(touching, preset="adaptive", nodes=nodes, effort="fast")
+    assert mesh.certify().passed
+    assert pinched(mesh) == start
+    assert len(mesh.nodes) == nodes or nodes == 500
+
+
+@pytest.mark.parametrize("size", [24.0, 1000.0])
+def test_blocks_share_a_node_that_touches_several_of_them_at_a_corner_only(size):
+    # Two squares that meet at (16, 16).
+    points = np.array([(0, 0), (16, 0), (0, 16), (16, 16), (32, 16), (16, 32), (32, 32)], float)
+    triangles = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 5), (4, 6, 5)], np.int32)
+    stays = np.zeros(len(points), bool)
+    whole = start_part(points, triangles, np.empty((0, 2), np.int32), stays, 1)
+    blocks = divide(whole, size, (0.25, 0.25))
+    assert blocks.pinched.nonzero()[0].tolist() == [3]
+    joined = blocks.join([blocks.part(b)[0] for b in range(len(blocks))])
+    assert len(joined.points) == len(points)
+    assert len(np.unique(joined.points[joined.triangles].reshape(-1, 2), axis=0)) == len(points)
