@@ -1,4 +1,4 @@
-"""Domains that touch themselves at a corner are refined like others."""
+"""Domains that touch themselves at a corner, and tiny rasters, are refined like others."""
 
 from __future__ import annotations
 
@@ -50,3 +50,12 @@ def test_blocks_share_a_node_that_touches_several_of_them_at_a_corner_only(size)
     joined = blocks.join([blocks.part(b)[0] for b in range(len(blocks))])
     assert len(joined.points) == len(points)
     assert len(np.unique(joined.points[joined.triangles].reshape(-1, 2), axis=0)) == len(points)
+
+
+@pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
+@pytest.mark.parametrize("nodes", [None, 4, 20])
+@pytest.mark.parametrize("shape", [(1, 1), (40, 1), (2, 2), (3, 3), (5, 8)])
+def test_tiny_rasters_are_refined(shape, nodes):
+    values = np.random.default_rng(1).integers(0, 255, shape, np.uint8)
+    mesh = geomesh.mesh_raster((values, None, None), preset="adaptive", nodes=nodes)
+    assert mesh.certify().passed
