@@ -73,5 +73,6 @@ html_theme_options = {
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
 html_sidebars = {
-    page: [] for page in ("index", "getting-started", "tutorial", "paper", "how-it-is-built")
+    page: []
+    for page in (*("index", "getting-started", "tutorial", "paper", "adaptive", "how-it-is-built"),)
 }

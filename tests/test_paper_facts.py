@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -95,12 +96,33 @@ COLUMNS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
-def test_tables_in_the_documents_are_what_the_command_gives():
+@pytest.fixture(scope="module")
+def means():
+    """The mean figures of each method on the samples, at 256 x 256 pixels."""
     pytest.importorskip("pydelatin")
-    averages = evaluate(SAMPLES).overall()
-    means = {found.method: found.mean for found in averages if found.plane == "256x256"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", geomesh.GeomeshWarning)
+        averages = evaluate(SAMPLES).overall()
+    return {found.method: found.mean for found in averages if found.plane == "256x256"}
+
+
+@pytest.mark.slow
+def test_adaptive_is_nearest_to_the_images_with_the_thinnest_triangles_and_the_highest_ki(means):
+    means = dict(means)
+    ours = means.pop("adaptive")
+    assert len(means) == 8
+    assert ours.ki > max(other.ki for other in means.values())
+    assert ours.ki_normalised > max(other.ki_normalised for other in means.values())
+    assert ours.angle_mean < min(other.angle_mean for other in means.values())
+    assert ours.angle_under_10 == 0
+    assert ours.nodes == means["random"].nodes
+    greedy, published = means["greedy insertion"], means["paper"]
+    assert ours.psnr_whole - published.psnr_whole == pytest.approx(3.7, abs=0.1)
+    assert ours.psnr_whole - greedy.psnr_whole == pytest.approx(2.3, abs=0.1)
+
+
+@pytest.mark.slow
+def test_tables_in_the_documents_are_what_the_command_gives(means):
     for page in ("paper.md", "evaluate.md"):
         text = (DOCS / page).read_text()
         (table,) = re.findall(r"^\| method \| nodes \| AB .*\n\|[-|]+\n((?:\|.*\n)+)", text, re.M)

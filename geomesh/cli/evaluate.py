@@ -59,10 +59,9 @@ def evaluate(
     """Print the paper's Table 1 for images, and other measures of their meshes.
 
     SRC is a file, a folder (all rasters in it) or a quoted pattern. Every image is evaluated
-    twice. First at 256 x 256 pixels: the presets `paper` and `features` and six baselines get
-    as many nodes as `paper` finds. Then at its own resolution (only the middle, if a side is
-    longer than 2048 pixels): `features` and the baselines get as many nodes as `features`
-    finds.
+    twice. First at 256 x 256 pixels: the presets and six baselines get as many nodes as
+    `paper` finds. Then at its own resolution (only the middle, if a side is longer than 2048
+    pixels): `features`, `adaptive` and the baselines get as many nodes as `features` finds.
 
     If an image fails, its error is printed, and the tables contain the other images. The exit
     code is then 1. If all images fail, nothing is written.

@@ -78,7 +78,7 @@ def evaluate(
     --------
     >>> from geomesh.evaluate.run import evaluate
     >>> comparison = evaluate("data_samples/olinda_landsat7_rgb_uint8.tif")
-    >>> found = {average.method: average.mean for average in comparison.overall()[:4]}
+    >>> found = {average.method: average.mean for average in comparison.overall()[:5]}
     >>> round(found["paper"].ki, 2), round(found["random"].ki, 2)
     (11.25, 12.41)
     """
