@@ -59,3 +59,15 @@ def test_tiny_rasters_are_refined(shape, nodes):
     values = np.random.default_rng(1).integers(0, 255, shape, np.uint8)
     mesh = geomesh.mesh_raster((values, None, None), preset="adaptive", nodes=nodes)
     assert mesh.certify().passed
+
+
+@pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
+def test_blocks_of_which_few_nodes_are_their_own_get_exactly_as_many_as_they_should():
+    """Almost all of the error is in one corner, so the other blocks get hardly any nodes."""
+    lots = np.random.default_rng(0)
+    values = np.zeros((700, 700), np.float32)
+    values[:120, :120] = lots.normal(0, 50, (120, 120))
+    values[120:, 120:] += lots.normal(0, 0.01, (580, 580)).astype(np.float32)
+    for nodes in (1000, 1500):
+        mesh = geomesh.mesh_raster((values, None, None), preset="adaptive", nodes=nodes)
+        assert len(mesh.nodes) == nodes
