@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,9 +14,10 @@ from matplotlib.tri import LinearTriInterpolator, Triangulation
 from geomesh.mesh.topology import neighbours
 from geomesh.refine.bound import BOUND, measure_bound
 from geomesh.refine.bound_merge import merge_nodes
-from geomesh.refine.bounded import LEAST_SIDE, Report, Step, is_needed, schedule, work
+from geomesh.refine.bounded import Report, Step, bound_block, is_needed, schedule
 from geomesh.refine.bounded_block import BoundedBlock
 from geomesh.refine.parts import Part, divide
+from geomesh.refine.passes import SHIFTS
 from geomesh.refine.patch import BORDER, OTHER_PATCH, SHARED, SHARED_TWICE, STAYS, new_star
 
 FLOOR = float(np.sin(np.radians(10)) ** 2)
@@ -426,20 +426,30 @@ def test_nodes_that_stay_neither_move_nor_vanish() -> None:
     assert_bounded(result, image)
 
 
+def valid_of(image: np.ndarray) -> np.ndarray:
+    return ~np.isnan(image).any(axis=0)
+
+
 def test_shared_nodes_are_the_same_bit_for_bit_and_blocks_join() -> None:
     image = with_gap(hills(96, 96, seed=5), 5)
     whole = grid_part(image)
     reports: list[Report] = []
+    turn = 0
     for step in schedule(FLOOR, "best", blocks=True):
         if not is_needed(step, reports):
             continue
-        cut = divide(whole, 48, step.shift)
+        cut = divide(whole, 48, SHIFTS[turn % len(SHIFTS)])
+        turn += 1
         parts, reports = [], []
         for b in range(len(cut)):
             part, _ = cut.part(b)
-            result, report = work(part, image, step)
+            result, report = bound_block(part, image, valid_of(image), step)
             shared = np.count_nonzero(part.held >= SHARED)
-            for name in ("ids", "points", "values", "held"):
+            # The first pass gives all nodes their first values.
+            same = (
+                ("ids", "points", "held") if step.is_first else ("ids", "points", "values", "held")
+            )
+            for name in same:
                 before, after = getattr(part, name)[:shared], getattr(result, name)[:shared]
                 assert before.tobytes() == after.tobytes()
             assert (part.across == OTHER_PATCH).sum() == (result.across == OTHER_PATCH).sum()
@@ -458,29 +468,33 @@ def test_shared_nodes_are_the_same_bit_for_bit_and_blocks_join() -> None:
 def test_the_plan_inserts_first_and_then_merges_on_other_blocks() -> None:
     steps = schedule(FLOOR, "best", blocks=True)
     merging = [step for step in steps if step.rounds]
-    assert steps.index(merging[0]) == len(steps) - len(merging)
-    assert not steps[0].if_violated
-    assert all(a.shift != b.shift for a, b in pairwise(steps))
+    first = steps.index(merging[0])
+    after = first + len(merging)
+    assert steps[first:after] == merging
+    assert [step.if_violated for step in steps[:first]] == [False] + [True] * (first - 1)
+    assert all(step.if_violated for step in steps[after:])
+    assert [step.is_first for step in steps] == [True] + [False] * (len(steps) - 1)
     fast = schedule(FLOOR, "fast", blocks=True)
     assert sum(step.rounds for step in fast) < sum(step.rounds for step in steps)
     assert [step.rounds for step in schedule(FLOOR, "best", blocks=False)] == [6]
     assert [step.placing_from for step in merging] == [2, 0, 0]
     assert {step.placing_from for step in fast} == {None}
-    assert LEAST_SIDE == 512
 
 
 def test_a_pass_for_violations_is_left_out_without_any() -> None:
-    step = Step((0.0, 0.0), 0, FLOOR, if_violated=True)
+    step = Step(0, FLOOR, if_violated=True)
     good, bad = Report(1, 0, 0, 0, 0.9), Report(1, 0, 2, 0, 3.0)
     assert is_needed(step, [good, bad])
     assert not is_needed(step, [good, good])
-    assert is_needed(Step((0.0, 0.0), 0, FLOOR), [])
+    assert is_needed(Step(0, FLOOR), [])
 
 
 def test_work_can_be_sent_to_another_process() -> None:
     image = hills(32, 32)
-    function, step = pickle.loads(pickle.dumps((work, schedule(FLOOR, "fast", blocks=False)[0])))
-    part, report = function(grid_part(image), image, step)
+    function, step = pickle.loads(
+        pickle.dumps((bound_block, schedule(FLOOR, "fast", blocks=False)[0]))
+    )
+    part, report = function(grid_part(image), image, valid_of(image), step)
     assert pickle.loads(pickle.dumps(report)) == report
     assert report.violations == report.below_floor == 0
     assert report.worst <= BOUND

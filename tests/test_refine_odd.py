@@ -7,8 +7,6 @@ import pytest
 
 import geomesh
 from geomesh.mesh.topology import boundary_edges
-from geomesh.refine.parts import divide
-from geomesh.refine.refined import start_part
 
 
 @pytest.fixture(scope="module")
@@ -36,20 +34,6 @@ def test_nodes_where_the_domain_touches_itself_stay(touching, nodes):
     assert mesh.certify().passed
     assert pinched(mesh) == start
     assert len(mesh.nodes) == nodes or nodes == 500
-
-
-@pytest.mark.parametrize("size", [24.0, 1000.0])
-def test_blocks_share_a_node_that_touches_several_of_them_at_a_corner_only(size):
-    # Two squares that meet at (16, 16).
-    points = np.array([(0, 0), (16, 0), (0, 16), (16, 16), (32, 16), (16, 32), (32, 32)], float)
-    triangles = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 5), (4, 6, 5)], np.int32)
-    stays = np.zeros(len(points), bool)
-    whole = start_part(points, triangles, np.empty((0, 2), np.int32), stays, 1)
-    blocks = divide(whole, size, (0.25, 0.25))
-    assert blocks.pinched.nonzero()[0].tolist() == [3]
-    joined = blocks.join([blocks.part(b)[0] for b in range(len(blocks))])
-    assert len(joined.points) == len(points)
-    assert len(np.unique(joined.points[joined.triangles].reshape(-1, 2), axis=0)) == len(points)
 
 
 @pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")

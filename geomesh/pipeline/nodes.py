@@ -211,8 +211,7 @@ def _strongest(
     if room <= 0:
         return features.take(np.empty(0, np.intp))
     # The cells depend only on the budget, so all calls choose in the same order.
-    spread = spread_evenly(features, max(budget, 1), float(facts.valid_pixels))
-    return features.take(spread[:room])
+    return features.take(spread_evenly(features, budget, float(facts.valid_pixels))[:room])
 
 
 def _domain(detection: Detection, grid: Grid, recipe: Recipe) -> tuple[Loops, DomainFacts]:
