@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import xugrid
 from pyproj import CRS
+from rasterio.transform import from_origin
 from scipy.io import netcdf_file
 
+import geomesh
 from geomesh.arrays.table import Table
 from geomesh.errors import OutputError
 from geomesh.formats.ugrid import FORMAT as UGRID
@@ -29,6 +31,27 @@ def test_xugrid_finds_the_same_mesh(tmp_path, grid):
         assert dataset[name].dims == (found.face_dimension,)
         assert np.array_equal(dataset[name].to_numpy(), expected, equal_nan=True)
     assert "name" not in dataset
+
+
+@pytest.mark.parametrize("model", ["linear", "constant"])
+def test_a_linear_surface_is_data_on_nodes(tmp_path, model):
+    x, y = np.meshgrid(np.arange(24.0), np.arange(20.0))
+    pixels = np.stack([x * y, 10 * np.sin(x)]).astype(np.float32)
+    source = (pixels, from_origin(300000, 7000000, 30, 30), "EPSG:32723")
+    mesh = geomesh.mesh_raster(source, preset="adaptive", nodes=40, model=model)
+    mesh.to_file(tmp_path / "mesh.nc")
+    with netcdf_file(tmp_path / "mesh.nc", mmap=False) as dataset:
+        on_nodes = {
+            name: variable.data.copy()
+            for name, variable in dataset.variables.items()
+            if getattr(variable, "location", b"") == b"node"
+        }
+    if model == "constant":
+        assert on_nodes == {}
+        return
+    assert list(on_nodes) == ["b1", "b2"]
+    for name, values in on_nodes.items():
+        assert np.array_equal(values, mesh.node_table[name], equal_nan=True)
 
 
 def read_attributes(path, variable):

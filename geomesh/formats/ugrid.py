@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
+    from geomesh.mesh.triangle_mesh import TriangleMesh
 
 _FACES = "mesh_face_nodes"
 
@@ -53,7 +54,8 @@ _MOST_COLORS = 4096
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: WriteRows) -> None:  # noqa: ARG001
     """Write the triangles of a mesh; the document is stored as a global attribute.
 
-    Attributes become data on faces, as float64. `color` becomes 65536 red + 256 green + blue,
+    Attributes become data on faces, as float64. The values of a linear surface become data on
+    nodes, so that a program can draw it. `color` becomes 65536 red + 256 green + blue,
     rounded to fewer levels until there are at most 4096 colours. Other text and dates are left
     out, because data on faces must be numbers. A name that is not legal in NetCDF becomes the
     `long_name` of its variable.
@@ -87,6 +89,9 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
             _add(dataset, f"mesh_node_{axis}", ("mesh_node",), values, _axis(axis, crs))
         numbering = {"cf_role": "face_node_connectivity", "start_index": np.int32(0)}
         _add(dataset, _FACES, ("mesh_face", "three"), corners, numbering)
+        on_nodes = {"mesh": "mesh", "location": "node"} | _placed(crs)
+        for name, values in _surface(file.mesh).items():
+            _add_data(dataset, name, ("mesh_node",), values.astype(np.float64), on_nodes)
         units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
@@ -95,10 +100,29 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
                 continue
             data = _packed(values) if is_color else values.astype(np.float64)
             unit = {"units": units[name]} if name in units else {}
-            legal = _legal_name(name, dataset.variables)
-            full = {} if legal == name else {"long_name": name.encode()}
-            _add(dataset, legal, ("mesh_face",), data, on_faces | unit | full)
+            _add_data(dataset, name, ("mesh_face",), data, on_faces | unit)
     stream.rows += len(layer)
+
+
+def _surface(mesh: TriangleMesh) -> dict[str, NDArray[Any]]:
+    """Return the values at the nodes, band by band, if the mesh has a linear surface."""
+    refinement = None if mesh.provenance is None else mesh.provenance.refinement
+    if refinement is None or refinement.model != "linear":
+        return {}
+    nodes = mesh.attributes("nodes")
+    return {band.name: nodes[band.name] for band in refinement.bands}
+
+
+def _add_data(
+    dataset: Any,
+    name: str,
+    dimensions: tuple[str, ...],
+    values: NDArray[Any],
+    attributes: Mapping[str, Any],
+) -> None:
+    legal = _legal_name(name, dataset.variables)
+    full = {} if legal == name else {"long_name": name.encode()}
+    _add(dataset, legal, dimensions, values, {**attributes, **full})
 
 
 def _legal_name(name: str, taken: Iterable[str]) -> str:
