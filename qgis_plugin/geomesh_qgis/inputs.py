@@ -6,6 +6,7 @@ nodata value on the layer, the file does not contain them, so the process gets t
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _IN_MEMORY = ("/vsimem/", "MEM:")
+
+# What is not part of a file name on every system, and the length that every system takes.
+_NO_FILE_NAME = re.compile(r"[^\w \-.]")
+_LONGEST_NAME = 60
 
 
 @dataclass(frozen=True)
@@ -151,15 +156,31 @@ def _raster_path(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedb
     return path
 
 
-def export_mask(
+def export_breaklines(
     source: QgsProcessingFeatureSource, folder: Path, feedback: QgsProcessingFeedback
 ) -> str:
-    """Write the polygons of a source to a file. If requested, only the selected ones."""
-    path = str(folder / "mask.gpkg")
+    """Write the lines of a source to a file with the name of the layer, and return its path.
+
+    The mesh then records which layer its breaklines come from.
+    """
+    within = folder / "breaklines"
+    within.mkdir()
+    name = _NO_FILE_NAME.sub("_", source.sourceName())[:_LONGEST_NAME].strip(" .")
+    return export_shapes(source, within / f"{name or 'breaklines'}.gpkg", feedback)
+
+
+def export_shapes(
+    source: QgsProcessingFeatureSource, path: Path, feedback: QgsProcessingFeedback
+) -> str:
+    """Write the geometries of a source to a file, and return its path.
+
+    If the user chose selected features only, only these are written. The file has the CRS of the
+    source, or none.
+    """
     options = QgsVectorFileWriter.SaveVectorOptions()
     options.driverName = "GPKG"
     writer = QgsVectorFileWriter.create(
-        path,
+        str(path),
         QgsFields(),
         source.wkbType(),
         source.sourceCrs(),
@@ -171,9 +192,10 @@ def export_mask(
             break
         feature.setAttributes([])
         if not writer.addFeature(feature, QgsFeatureSink.Flag.FastInsert):
-            raise QgsProcessingException(f"The mask cannot be read: {writer.errorMessage()}")
+            reason = writer.errorMessage()
+            raise QgsProcessingException(f"{source.sourceName()} cannot be read: {reason}")
     del writer  # this closes the file
-    return path
+    return str(path)
 
 
 def _gdal_source(layer: QgsRasterLayer) -> tuple[str, tuple[str, ...]]:

@@ -17,10 +17,12 @@ from qgis.core import (
 
 from .files import is_geopackage
 from .provenance import as_metadata
-from .styling import VECTOR_STYLES, keep_style, style_mesh_layer
+from .styling import VECTOR_STYLES, keep_style, style_mesh_layer, style_surface
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+
+    from .surface import Channel
 
 # The order in which geomesh writes the layers.
 LAYERS = ("triangles", "edges", "nodes")
@@ -28,8 +30,9 @@ LAYERS = ("triangles", "edges", "nodes")
 # The name that a GeoPackage gives to a missing CRS. QGIS reads it as a real CRS.
 _UNDEFINED = "Undefined"
 
-# The order in the legend, from bottom to top.
-_ORDER = ("mesh", "triangles", "edges", "nodes")
+# The order in the legend, from bottom to top. A smooth surface is above the triangles, because
+# it shows more than they do; faces with the colours of the triangles are below.
+_ORDER = ("mesh", "triangles", "surface", "edges", "nodes")
 
 
 def layer_uri(path: str, name: str) -> str:
@@ -46,10 +49,22 @@ def dress_vector_layer(uri: str, style: str) -> None:
     keep_style(layer)
 
 
-def dress_mesh_layer(path: str) -> None:
-    """Set the style of a UGRID file, and save it beside the file."""
+def open_triangles(path: str) -> QgsVectorLayer:
+    """Return the triangles of a mesh file as a layer."""
+    return _open(layer_uri(path, "triangles"), "triangles")
+
+
+def dress_mesh_layer(path: str, channels: Sequence[Channel] = ()) -> None:
+    """Set the style of a UGRID file, and save it beside the file.
+
+    If one layer is enough for a linear surface, the style shows the surface. Otherwise it shows
+    the colours of the faces.
+    """
     layer = _open(path, "mesh", is_mesh=True)
-    style_mesh_layer(layer)
+    if len(channels) == 1:
+        style_surface(layer, channels[0], adds=False)
+    else:
+        style_mesh_layer(layer)
     keep_style(layer)
 
 
@@ -61,6 +76,7 @@ def load_when_done(
     title: str,
     unnamed: str,
     about: dict[str, Any],
+    channels: Sequence[Channel] = (),
 ) -> None:
     """Let QGIS load layers, if it was going to load the output of the algorithm.
 
@@ -77,24 +93,28 @@ def load_when_done(
         Default name of the output, used if the user did not choose one.
     about : dict
         Document about how the mesh was made.
+    channels : sequence of Channel, optional
+        Bands of the linear surface of "mesh", each of which becomes a mesh layer.
     """
     pending = context.layersToLoadOnCompletion()
     if output not in pending:
         return  # a model, or a program that only needs files
     asked = pending.pop(output)
-    for name, uri in uris.items():
-        rank = _ORDER.index(name)
+    for rank, (kind, uri, channel) in enumerate(_in_order(uris, channels)):
         # QGIS before 3.32 adds results in the order of their ids, so that the last one is on top.
         # The id of a layer starts with its first name, so that name starts with the rank.
-        layer = _open(uri, f"{rank}_{name}", is_mesh=name == "mesh")
+        layer = _open(uri, f"{rank}_{kind}", is_mesh=kind == "mesh")
+        if channel is not None:
+            style_surface(layer, channel, adds=channel is not channels[0])
+        name = f"{kind} {channel.name}".strip() if channel is not None else kind
         # If the user chose the output file, its name is part of the layer name.
         shown = f"{name} · {title if layer.isTemporary() else Path(output).stem}"
-        if name == "triangles" and asked.name not in ("", unnamed):
+        if kind == "triangles" and asked.name not in ("", unnamed):
             shown = asked.name  # chosen by the user or by a model
         layer.setName(shown)
         layer.setMetadata(as_metadata(layer, about))
         layer.setCustomProperty("geomesh/recipe", json.dumps(about.get("recipe", {})))
-        output_name = asked.outputName if name == "triangles" else name.upper()
+        output_name = asked.outputName if kind == "triangles" else kind.upper()
         details = QgsProcessingContext.LayerDetails(shown, asked.project, output_name)
         details.forceName = True
         if hasattr(details, "layerSortKey"):  # QGIS 3.32
@@ -103,6 +123,21 @@ def load_when_done(
         # Add layers, not file names: QGIS would load the files without their styles.
         context.temporaryLayerStore().addMapLayer(layer)
     context.setLayersToLoadOnCompletion(pending)
+
+
+def _in_order(
+    uris: Mapping[str, str], channels: Sequence[Channel]
+) -> list[tuple[str, str, Channel | None]]:
+    """Return kind, URI and channel of each layer, from bottom to top."""
+    found: list[tuple[int, str, str, Channel | None]] = []
+    for kind, uri in uris.items():
+        if kind == "mesh" and channels:
+            place = _ORDER.index("surface")
+            found += [(place, kind, uri, channel) for channel in channels]
+        else:
+            found.append((_ORDER.index(kind), kind, uri, None))
+    found.sort(key=lambda each: each[0])
+    return [each[1:] for each in found]
 
 
 def _open(uri: str, name: str, *, is_mesh: bool = False) -> QgsMapLayer:

@@ -7,10 +7,12 @@ then finds them each time the file is opened.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from qgis.core import (
     QgsCategorizedSymbolRenderer,
     QgsColorRampShader,
+    QgsFeatureRequest,
     QgsFillSymbol,
     QgsGraduatedSymbolRenderer,
     QgsLineSymbol,
@@ -28,9 +30,12 @@ from qgis.core import (
     QgsUnitTypes,
     QgsVectorLayer,
 )
-from qgis.PyQt.QtGui import QColor
+from qgis.PyQt.QtGui import QColor, QPainter
 
 from .files import is_geopackage
+
+if TYPE_CHECKING:
+    from .surface import Channel
 
 STYLE = "geomesh"
 
@@ -42,7 +47,12 @@ _NODES_APART = 6.0
 _EDGE = {"outline_color": "160,160,160,130", "outline_width": "0.1", "joinstyle": "round"}
 
 # Colours that people with colour blindness can distinguish (Okabe and Ito).
-_NODES = (("feature", "feature node", "#e69f00"), ("border", "border node", "#56b4e9"))
+_NODES = (
+    ("feature", "feature node", "#e69f00"),
+    ("refined", "refined node", "#009e73"),
+    ("breakline", "breakline node", "#cc79a7"),
+    ("border", "border node", "#56b4e9"),
+)
 _ANGLES = (
     (0, 10, "#440154"),
     (10, 20, "#3b528b"),
@@ -50,7 +60,17 @@ _ANGLES = (
     (30, 45, "#5ec962"),
     (45, 60, "#fde725"),
 )
-_EDGES = ((0, "inner edge", "#8c8c8c", "0.15"), (1, "outline", "#d55e00", "0.4"))
+_EDGES = (
+    (0, "inner edge", "#8c8c8c", "0.15"),
+    (1, "outline", "#d55e00", "0.4"),
+    (2, "breakline", "#cc79a7", "0.4"),
+)
+
+# An edge with a triangle on either side that has to be kept is a breakline.
+_KIND_OF_EDGE = (
+    'CASE WHEN NOT "constrained" THEN 0 WHEN "left" >= 0 AND "right" >= 0 THEN 2 ELSE 1 END'
+)
+_HAS_BREAKLINES = '"constrained" AND "left" >= 0 AND "right" >= 0'
 
 
 def style_triangles(layer: QgsVectorLayer) -> None:
@@ -95,9 +115,12 @@ def farthest_scale(layer: QgsVectorLayer, apart: float) -> int | None:
 
 
 def style_nodes(layer: QgsVectorLayer) -> None:
-    """Show nodes as small dots with a colour for each kind."""
+    """Show nodes as small dots with a colour for each kind that there is."""
+    kinds = layer.uniqueValues(layer.fields().indexOf("kind"))
     categories = []
     for value, label, color in _NODES:
+        if value not in kinds:
+            continue
         symbol = QgsMarkerSymbol.createSimple(
             {
                 "name": "circle",
@@ -116,14 +139,16 @@ def style_nodes(layer: QgsVectorLayer) -> None:
 
 
 def style_edges(layer: QgsVectorLayer) -> None:
-    """Show edges as thin lines. Edges of the outline are thicker."""
+    """Show edges as thin lines. Edges of the outline and of breaklines are thicker."""
+    request = QgsFeatureRequest().setFilterExpression(_HAS_BREAKLINES).setLimit(1)
+    has_breaklines = any(True for _ in layer.getFeatures(request))
     categories = []
-    for value, label, color, width in _EDGES:
+    for value, label, color, width in _EDGES if has_breaklines else _EDGES[:2]:
         symbol = QgsLineSymbol.createSimple(
             {"line_color": color, "line_width": width, "capstyle": "round"}
         )
         categories.append(QgsRendererCategory(value, symbol, label))
-    layer.setRenderer(QgsCategorizedSymbolRenderer('to_int("constrained")', categories))
+    layer.setRenderer(QgsCategorizedSymbolRenderer(_KIND_OF_EDGE, categories))
 
 
 def style_quality(layer: QgsVectorLayer) -> None:
@@ -171,6 +196,44 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
     settings.setScalarSettings(group, scalar)
     settings.setActiveScalarDatasetGroup(group)
     layer.setRendererSettings(settings)
+
+
+def style_surface(layer: QgsMeshLayer, channel: Channel, *, adds: bool) -> None:
+    """Show one band of a linear surface smoothly, from black to the colour of its channel.
+
+    Parameters
+    ----------
+    layer : QgsMeshLayer
+    channel : Channel
+    adds : bool
+        Whether the light adds to that of the layers below, instead of hiding them.
+    """
+    group = _find_group(layer, channel.band)
+    if group is None:
+        return
+    low, high = channel.black, channel.full
+    if low is None or high is None:
+        about = layer.datasetGroupMetadata(QgsMeshDatasetIndex(group, 0))
+        low, high = about.minimum(), about.maximum()
+    if not low < high:
+        high = low + 1
+    shader = QgsColorRampShader(low, high, None, QgsColorRampShader.Type.Interpolated)
+    shader.setColorRampItemList(
+        [
+            QgsColorRampShader.ColorRampItem(value, QColor(color), f"{value:.6g}")
+            for value, color in ((low, "#000000"), (high, channel.color))
+        ]
+    )
+    settings = layer.rendererSettings()
+    scalar = settings.scalarSettings(group)
+    # Set the limits first: see style_mesh_layer.
+    scalar.setClassificationMinimumMaximum(low, high)
+    scalar.setColorRampShader(shader)
+    settings.setScalarSettings(group, scalar)
+    settings.setActiveScalarDatasetGroup(group)
+    layer.setRendererSettings(settings)
+    if adds:
+        layer.setBlendMode(QPainter.CompositionMode.CompositionMode_Plus)
 
 
 def keep_style(layer: QgsMapLayer) -> None:

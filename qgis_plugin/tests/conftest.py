@@ -128,6 +128,18 @@ def run(provider, processing, tmp_path, project):
     return run
 
 
+@pytest.fixture
+def loaded(provider, processing, olinda, tmp_path, project):
+    """Run an algorithm as the dialog does, and load all results into the project."""
+
+    def load(algorithm="geomesh:rastertomesh", **parameters):
+        given = {"INPUT": str(olinda), "OUTPUT": str(tmp_path / "mesh.gpkg"), **parameters}
+        processing.runAndLoadResults(algorithm, given)
+        return {layer.name(): layer for layer in project.mapLayers().values()}
+
+    return load
+
+
 @pytest.fixture(scope="session")
 def qgis_environment(tmp_path_factory):
     """Make the environment of a QGIS process that is separate from the user's profile."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
+from painting import difference, paint
 from qgis.core import (
     QgsMapLayerType,
-    QgsMapRendererParallelJob,
-    QgsMapSettings,
     QgsProcessingContext,
     QgsProcessingFeedback,
     QgsProcessingModelAlgorithm,
@@ -21,20 +20,7 @@ from qgis.core import (
     QgsRasterLayer,
     QgsVectorLayer,
 )
-from qgis.PyQt.QtCore import QSize
 from qgis.PyQt.QtGui import QColor, QImage
-
-
-@pytest.fixture
-def loaded(provider, processing, olinda, tmp_path, project):
-    """Run an algorithm as the dialog does, and load all results into the project."""
-
-    def load(algorithm="geomesh:rastertomesh", **parameters):
-        given = {"INPUT": str(olinda), "OUTPUT": str(tmp_path / "mesh.gpkg"), **parameters}
-        processing.runAndLoadResults(algorithm, given)
-        return {layer.name(): layer for layer in project.mapLayers().values()}
-
-    return load
 
 
 def test_layers_are_named_after_the_raster_and_ordered(loaded, project, tmp_path):
@@ -104,6 +90,10 @@ def test_quality_of_a_loaded_mesh(loaded, tmp_path):
 
 @pytest.fixture
 def model(provider):
+    return make_model()
+
+
+def make_model(preset=None):
     model = QgsProcessingModelAlgorithm("mesh and measure", "tests")
     raster = QgsProcessingModelParameter("raster")
     model.addModelParameter(QgsProcessingParameterRasterLayer("raster", "Raster"), raster)
@@ -111,7 +101,8 @@ def model(provider):
     meshing = QgsProcessingModelChildAlgorithm("geomesh:rastertomesh")
     meshing.setChildId("mesh")
     meshing.addParameterSources("INPUT", [source.fromModelParameter("raster")])
-    meshing.addParameterSources("NODES", [source.fromStaticValue(120)])
+    for name, value in (("NODES", 120), *(preset or {}).items()):
+        meshing.addParameterSources(name, [source.fromStaticValue(value)])
     model.addChildAlgorithm(meshing)
     measuring = QgsProcessingModelChildAlgorithm("geomesh:meshquality")
     measuring.setChildId("measure")
@@ -140,6 +131,19 @@ def test_model(model, olinda, project):
     assert context.layersToLoadOnCompletion() == {}
 
 
+def test_model_with_an_adaptive_mesh(provider, olinda, project):
+    model = make_model({"PRESET": 2, "GOAL": 2, "ERROR": "30", "EFFORT": 0, "MIN_ANGLE": 5})
+    context = QgsProcessingContext()
+    context.setProject(project)
+    (output,) = (found.name() for found in model.destinationParameterDefinitions())
+    given = {"raster": str(olinda), output: "TEMPORARY_OUTPUT"}
+    results, passed = model.run(given, context, QgsProcessingFeedback(False), {}, False)
+    assert passed
+    layer = QgsVectorLayer(results[output], "measured", "ogr")
+    assert "red_rmse" in layer.fields().names()
+    assert results["CHILD_RESULTS"]["measure"]["MIN_ANGLE"] >= 5
+
+
 def test_model_loads_what_it_calls_its_output(model, olinda, project, processing):
     (output,) = (found.name() for found in model.destinationParameterDefinitions())
     processing.runAndLoadResults(model, {"raster": str(olinda), output: "TEMPORARY_OUTPUT"})
@@ -148,39 +152,6 @@ def test_model_loads_what_it_calls_its_output(model, olinda, project, processing
 
 
 # Appearance of the map
-
-
-def paint(layers, extent, side=300) -> QImage:
-    settings = QgsMapSettings()
-    settings.setLayers(layers)
-    settings.setOutputSize(QSize(side, side))
-    settings.setExtent(extent)
-    settings.setDestinationCrs(layers[0].crs())
-    settings.setBackgroundColor(QColor("magenta"))
-    job = QgsMapRendererParallelJob(settings)
-    job.start()
-    job.waitForFinished()
-    assert job.errors() == []
-    return job.renderedImage()
-
-
-def blocks(image: QImage, count=12) -> list[tuple[float, float, float]]:
-    """Return the mean colours of a grid of blocks, as seen from far away."""
-    from qgis.PyQt.QtCore import Qt
-
-    small = image.scaled(
-        count,
-        count,
-        Qt.AspectRatioMode.IgnoreAspectRatio,
-        Qt.TransformationMode.SmoothTransformation,
-    )
-    colors = (small.pixelColor(x, y) for y in range(count) for x in range(count))
-    return [(color.red(), color.green(), color.blue()) for color in colors]
-
-
-def difference(one, other) -> float:
-    pairs = zip(blocks(one), blocks(other))
-    return sum(abs(a - b) for left, right in pairs for a, b in zip(left, right)) / (3 * 144)
 
 
 @pytest.mark.parametrize("sample", ["olinda_landsat7_rgb_uint8", "rmnp_rgb"])

@@ -52,6 +52,17 @@ def test_json(qgis_process, olinda, tmp_path):
     assert told["results"]["OUTPUT"].startswith(str(output))
 
 
+def test_an_adaptive_mesh(qgis_process, olinda, tmp_path):
+    output = tmp_path / "mesh.gpkg"
+    given = ["--PRESET=2", "--GOAL=2", "--ERROR=15,12,11", "--EFFORT=0", "--NODES=400"]
+    where = [f"--INPUT={olinda}", f"--OUTPUT={output}", f"--MESH={tmp_path / 'mesh.nc'}"]
+    result = qgis_process("run", "geomesh:rastertomesh", *where, *given)
+    assert "accuracy of red: greatest error" in result.stdout
+    layer = QgsVectorLayer(f"{output}|layername=nodes", "nodes", "ogr")
+    assert 10 < layer.featureCount() <= 400
+    assert {path.name for path in tmp_path.iterdir()} == {"mesh.gpkg", "mesh.nc", "mesh.qml"}
+
+
 def test_failure_is_an_exit_code_and_one_line(qgis_process, tmp_path):
     output = tmp_path / "mesh.gpkg"
     bad = tmp_path / "bad.tif"

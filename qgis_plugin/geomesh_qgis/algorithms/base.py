@@ -13,6 +13,7 @@ from qgis.core import (
     QgsProcessingContext,
     QgsProcessingException,
     QgsProcessingFeedback,
+    QgsProcessingParameterEnum,
 )
 from qgis.PyQt.QtGui import QIcon
 
@@ -27,7 +28,11 @@ if TYPE_CHECKING:
 PRESETS = {
     "features": "features: at the raster's own resolution",
     "paper": "paper: the published system, at 256 × 256 pixels",
+    "adaptive": "adaptive: the nodes that show the raster best",
 }
+
+# The preset that the dialogs start with. Models and scripts know presets by their place above.
+DEFAULT_PRESET = "features"
 
 _FOLDER = Path(__file__).parents[1]
 
@@ -46,7 +51,20 @@ _WORDS = {
     "--bidx": "the bands",
     "--gray": "Gray image",
     "give another with --crs": "set another one on the layer",
+    "--breaklines": "Breaklines",
+    "--keep-features": "Keep feature nodes (advanced)",
+    "--max-error": "the largest error",
+    "--min-angle": "the smallest angle",
+    "--nodes": "the node budget",
+    "--rmse": "the root mean square error",
+    "--time-limit": "the time limit",
 }
+
+
+def preset_parameter() -> QgsProcessingParameterEnum:
+    """Return the parameter PRESET."""
+    default = list(PRESETS).index(DEFAULT_PRESET)
+    return QgsProcessingParameterEnum("PRESET", "Preset", list(PRESETS.values()), False, default)
 
 
 def in_the_dialogs_words(text: str) -> str:

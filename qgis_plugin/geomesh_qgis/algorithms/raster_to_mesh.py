@@ -25,7 +25,8 @@ from qgis.core import (
 
 from ..files import is_geopackage, is_same_file, layer_files
 from ..inputs import (
-    export_mask,
+    export_breaklines,
+    export_shapes,
     find_raster_fault,
     raster_options,
 )
@@ -36,14 +37,23 @@ from ..results import (
     dress_vector_layer,
     layer_uri,
     load_when_done,
+    open_triangles,
 )
-from .base import PRESETS, RasterAlgorithm
+from ..surface import find_channels
+from .base import PRESETS, RasterAlgorithm, preset_parameter
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
+from .refinement_parameters import (
+    TIPS,
+    advanced_parameters,
+    breakline_parameters,
+    find_refinement_fault,
+    goal_parameters,
+    refinement_options,
+)
 from .values import find_number_fault, is_given
 
 _TIPS = {
     "BANDS": "Bands to use and to measure. If you choose none: all bands except alpha",
-    "NODES": "Keeps the strongest features, spread evenly. If not set: all features",
     "MIN_SPACING": (
         "If two features are closer than this, only the stronger one is kept. If not set: the "
         "preset's value"
@@ -58,7 +68,11 @@ _TIPS = {
         "mask hides pixels"
     ),
     "UNSCALE": "Measures the values that QGIS shows, instead of the values in the file",
-    "MESH": "The same mesh as a native QGIS mesh layer, in a UGRID file",
+    "MESH": (
+        "The same mesh as a native QGIS mesh layer, in a UGRID file. It shows a linear surface "
+        "smoothly"
+    ),
+    **TIPS,
 }
 
 DOMAINS = ("valid", "image", "hull")
@@ -72,25 +86,33 @@ class RasterToMesh(RasterAlgorithm):
     GROUP = "Create"
     TAGS = ("triangles", "triangulation", "Delaunay", "TIN", "vectorize", "SIFT", "Canny", "image")
     SUMMARY = (
-        "Turns a raster into a triangle mesh. The nodes are features of the image: SIFT keypoints "
-        "on Canny edges. A Delaunay triangulation connects them."
+        "Turns a raster into a triangle mesh. The nodes are features of the image, or those that "
+        "show the raster best."
     )
     HELP = """
 <p>You can press <b>Run</b> without changing anything. The mesh then covers all valid pixels, at the
 raster's own resolution. The layer <i>triangles</i> shows the mean colour of the image and has exact
 statistics of every band. A GeoPackage also contains the nodes, the edges and all parameters, so
 that the mesh can be made again. Each mesh is checked before it is written.</p>
-<p><b>Node budget</b>: keeps the strongest features, spread evenly. If not set: all features.<br/>
-<b>Preset</b>: <i>features</i> works at the raster's own resolution. <i>paper</i> follows the
-published system exactly, at 256 × 256 pixels.<br/>
+<p><b>Preset</b>: <i>features</i> connects SIFT keypoints on Canny edges by a Delaunay
+triangulation, at the raster's own resolution. <i>paper</i> follows the published system exactly, at
+256 × 256 pixels. <i>adaptive</i> moves, adds and removes nodes until the mesh shows the raster
+as well as it can.<br/>
+<b>Goal</b> (adaptive): a <i>number of nodes</i>; or an error, which is reached with as few nodes as
+possible. <i>Largest error</i>: no valid pixel is farther from the mesh. <i>Root mean square
+error</i>: on average. Set it in <b>error to reach</b>, in the raster's units.<br/>
+<b>Node budget</b>: adaptive has exactly so many nodes, or at most so many if its goal is an error.
+The other presets keep the strongest features, spread evenly.<br/>
+<b>Surface</b> (adaptive): <i>linear</i> has values at the nodes; the mesh layer shows it smoothly.
+<i>constant</i> has one value for each triangle, as the layer <i>triangles</i> shows it.<br/>
 <b>Mask</b>: polygons. Pixels outside are ignored.<br/>
+<b>Breaklines</b>: lines or polygons that become edges of the mesh.<br/>
 <b>Mesh layer</b>: also writes the mesh as a native QGIS mesh layer (UGRID).</p>
 <p>Parameters that are not set have the value of the preset. Lengths are in pixels.</p>
 """
 
     def initAlgorithm(self, config: dict | None = None) -> None:
         """Define the parameters and the outputs."""
-        whole = QgsProcessingParameterNumber.Type.Integer
         real = QgsProcessingParameterNumber.Type.Double
         nodata = QgsProcessingParameterNumber("NODATA", "Nodata value", real, None, True)
         advanced = QgsProcessingParameterNumber.Flag.FlagAdvanced
@@ -100,15 +122,9 @@ published system exactly, at 256 × 256 pixels.<br/>
             parameter.setFlags(parameter.flags() | advanced)
         for parameter in (
             QgsProcessingParameterRasterLayer("INPUT", "Raster"),
-            QgsProcessingParameterEnum(
-                "PRESET",
-                "Preset",
-                list(PRESETS.values()),
-                False,
-                0,
-            ),
+            preset_parameter(),
+            *goal_parameters(),
             QgsProcessingParameterBand("BANDS", "Bands", None, "INPUT", True, True),
-            QgsProcessingParameterNumber("NODES", "Node budget", whole, None, True, 1),
             QgsProcessingParameterNumber(
                 "MIN_SPACING", "Minimum distance between nodes (pixels)", real, None, True, 0
             ),
@@ -128,10 +144,12 @@ published system exactly, at 256 × 256 pixels.<br/>
                 None,
                 True,
             ),
+            *breakline_parameters(),
             QgsProcessingParameterEnum(
                 "LAYERS", "Layers to load", list(LAYERS), True, [0, 2], False
             ),
             *(nodata, alpha, unscale),
+            *advanced_parameters(),
             *recipe_parameters(),
             QgsProcessingParameterVectorDestination(
                 "OUTPUT", "Triangles", QgsProcessing.SourceType.TypeVectorPolygon
@@ -158,6 +176,7 @@ published system exactly, at 256 × 256 pixels.<br/>
         read = [
             *layer_files(raster),
             *layer_files(self.parameterAsVectorLayer(parameters, "MASK", context)),
+            *layer_files(self.parameterAsVectorLayer(parameters, "BREAKLINES", context)),
             self.parameterAsFile(parameters, "RECIPE", context),
         ]
         return (
@@ -166,6 +185,7 @@ published system exactly, at 256 × 256 pixels.<br/>
             or self._find_mesh_layer_fault(parameters, context, read)
             or find_number_fault(self, parameters)
             or find_recipe_fault(self, parameters, context)
+            or find_refinement_fault(self, parameters, context, PRESETS)
         )
 
     def _find_mesh_layer_fault(
@@ -207,10 +227,12 @@ published system exactly, at 256 × 256 pixels.<br/>
                 self.run_geomesh(["convert", "--", stored], feedback, output, (share, share + 0.1))
             for layer, uri in uris.items():
                 dress_vector_layer(uri, layer)
+            about = read_document(stored)
+            channels = ()
             if mesh_layer:
                 self.run_geomesh(["convert", "--", stored], feedback, mesh_layer, (0.9, 1))
-                dress_mesh_layer(mesh_layer)
-            about = read_document(stored)
+                channels = find_channels(open_triangles(stored), about)
+                dress_mesh_layer(mesh_layer, channels)
         loaded = {layer: uris[layer] for layer in chosen}
         if mesh_layer:
             loaded = {"mesh": mesh_layer, **loaded}
@@ -221,10 +243,13 @@ published system exactly, at 256 × 256 pixels.<br/>
             title=self.raster.name,
             unnamed=self.parameterDefinition("OUTPUT").description(),
             about=about,
+            channels=channels,
         )
         feedback.pushInfo(
             f"{figures['nodes']:,} nodes, {figures['triangles']:,} triangles, certified"
         )
+        for fact in about.get("certificate", {}).get("facts", []):
+            feedback.pushInfo(f"{fact['name']}: {fact['detail']}")
         results = {
             "OUTPUT": uris["triangles"],
             "NODE_COUNT": figures["nodes"],
@@ -247,8 +272,7 @@ published system exactly, at 256 × 256 pixels.<br/>
         bands = self.parameterAsInts(parameters, "BANDS", context)
         if bands:
             options += ["--bidx", ",".join(map(str, bands))]
-        if is_given(parameters, "NODES", context):
-            options += ["--nodes", str(self.parameterAsInt(parameters, "NODES", context))]
+        options += refinement_options(self, parameters, context)
         if is_given(parameters, "MIN_SPACING", context):
             value = self.parameterAsDouble(parameters, "MIN_SPACING", context)
             options += ["--set", f"min_spacing={json.dumps(value)}"]
@@ -263,5 +287,8 @@ published system exactly, at 256 × 256 pixels.<br/>
         options += self.extent_options(parameters, context)
         mask = self.parameterAsSource(parameters, "MASK", context)
         if mask is not None:
-            options += ["--mask", export_mask(mask, folder, feedback)]
+            options += ["--mask", export_shapes(mask, folder / "mask.gpkg", feedback)]
+        lines = self.parameterAsSource(parameters, "BREAKLINES", context)
+        if lines is not None:
+            options += ["--breaklines", export_breaklines(lines, folder, feedback)]
         return options + recipe_options(self, parameters, context)

@@ -8,7 +8,6 @@ from pathlib import Path
 from qgis.core import (
     QgsProcessingContext,
     QgsProcessingFeedback,
-    QgsProcessingParameterEnum,
     QgsProcessingParameterExtent,
     QgsProcessingParameterFileDestination,
     QgsProcessingParameterRasterLayer,
@@ -17,7 +16,7 @@ from qgis.core import (
 from ..files import layer_files
 from ..inputs import find_raster_fault, raster_options
 from ..reports import picture_report, save_report
-from .base import PRESETS, RasterAlgorithm
+from .base import PRESETS, RasterAlgorithm, preset_parameter
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
 from .values import find_number_fault
 
@@ -39,7 +38,7 @@ side, only its middle is shown. To show another part, set the <b>extent</b>.</p>
         """Define the parameters and the outputs."""
         for parameter in (
             QgsProcessingParameterRasterLayer("INPUT", "Raster"),
-            QgsProcessingParameterEnum("PRESET", "Preset", list(PRESETS.values()), False, 0),
+            preset_parameter(),
             QgsProcessingParameterExtent("EXTENT", "Extent to show", None, True),
             *recipe_parameters(),
             QgsProcessingParameterFileDestination(
