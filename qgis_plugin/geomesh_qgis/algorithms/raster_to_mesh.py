@@ -42,12 +42,13 @@ from ..results import (
 from ..surface import find_channels
 from .base import PRESETS, RasterAlgorithm, preset_parameter
 from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
+from .refinement_faults import Around, find_refinement_fault
 from .refinement_parameters import (
     TIPS,
     advanced_parameters,
     breakline_parameters,
-    find_refinement_fault,
     goal_parameters,
+    read_wanted,
     refinement_options,
 )
 from .values import find_number_fault, is_given
@@ -185,7 +186,30 @@ The other presets keep the strongest features, spread evenly.<br/>
             or self._find_mesh_layer_fault(parameters, context, read)
             or find_number_fault(self, parameters)
             or find_recipe_fault(self, parameters, context)
-            or find_refinement_fault(self, parameters, context, PRESETS)
+            or self._find_breaklines_fault(parameters, context)
+            or find_refinement_fault(
+                read_wanted(self, parameters, context), self._around(parameters, context)
+            )
+        )
+
+    def _find_breaklines_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
+        if not is_given(parameters, "BREAKLINES", context):
+            return ""
+        if self.parameterAsSource(parameters, "BREAKLINES", context) is not None:
+            return ""
+        return "The layer of breaklines cannot be read: choose another one."
+
+    def _around(self, parameters: dict, context: QgsProcessingContext) -> Around:
+        """Return the values that those of the preset adaptive have to fit."""
+        preset = list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]
+        has_area = is_given(parameters, "DOMAIN", context)
+        area = self.parameterAsEnum(parameters, "DOMAIN", context)
+        return Around(
+            preset="" if is_given(parameters, "RECIPE", context) else preset,
+            bands=len(self.parameterAsInts(parameters, "BANDS", context)),
+            is_resized=is_given(parameters, "RESIZE", context),
+            is_hull=has_area and DOMAINS[area] == "hull",
+            has_breaklines=is_given(parameters, "BREAKLINES", context),
         )
 
     def _find_mesh_layer_fault(
@@ -272,7 +296,7 @@ The other presets keep the strongest features, spread evenly.<br/>
         bands = self.parameterAsInts(parameters, "BANDS", context)
         if bands:
             options += ["--bidx", ",".join(map(str, bands))]
-        options += refinement_options(self, parameters, context)
+        options += refinement_options(read_wanted(self, parameters, context))
         if is_given(parameters, "MIN_SPACING", context):
             value = self.parameterAsDouble(parameters, "MIN_SPACING", context)
             options += ["--set", f"min_spacing={json.dumps(value)}"]

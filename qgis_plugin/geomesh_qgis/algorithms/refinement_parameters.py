@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 from qgis.core import (
     QgsProcessing,
@@ -20,9 +19,6 @@ from qgis.core import (
 
 from .values import is_given
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 # The options of geomesh, and what the dialog calls them.
 GOALS = {
     "--nodes": "number of nodes",
@@ -35,29 +31,21 @@ MODELS = {
 }
 EFFORTS = {"fast": "fast", "normal": "normal", "best": "best"}
 
-ADAPTIVE = "adaptive"
+LARGEST_FLOOR = 25
 
-_LARGEST_FLOOR = 25
-
-_GOAL = "Goal"
-_ERROR = "Error to reach (raster units; one, or one for each band)"
-_NODES = "Node budget"
-_PERCENT = "Node budget (% of the valid pixels)"
-_ANGLE = "Smallest angle (degrees)"
-_MODEL = "Surface"
-_EFFORT = "Effort"
-_BREAKLINES = "Breaklines"
-_CANNY = "Use edges of the image as breaklines (Canny)"
-_KEEP = "Keep feature nodes where they are"
-_LIMIT = "Time limit of the refinement (seconds)"
-
-# What only the preset adaptive has.
-_ONLY_ADAPTIVE = {
-    "MIN_ANGLE": _ANGLE,
-    "MODEL": _MODEL,
-    "EFFORT": _EFFORT,
-    "KEEP_FEATURES": _KEEP,
-    "TIME_LIMIT": _LIMIT,
+# Names in the dialog. Messages use them too.
+LABELS = {
+    "GOAL": "Goal",
+    "ERROR": "Error to reach (raster units; one, or one for each band)",
+    "NODES": "Node budget",
+    "NODES_PERCENT": "Node budget (% of the valid pixels)",
+    "MIN_ANGLE": "Smallest angle (degrees)",
+    "MODEL": "Surface",
+    "EFFORT": "Effort",
+    "BREAKLINES": "Breaklines",
+    "CANNY_BREAKLINES": "Use edges of the image as breaklines (Canny)",
+    "KEEP_FEATURES": "Keep feature nodes where they are",
+    "TIME_LIMIT": "Time limit of the refinement (seconds)",
 }
 
 TIPS = {
@@ -105,13 +93,13 @@ def goal_parameters() -> list[QgsProcessingParameterDefinition]:
     number, choice = QgsProcessingParameterNumber, QgsProcessingParameterEnum
     whole, real = number.Type.Integer, number.Type.Double
     return [
-        choice("GOAL", _GOAL, list(GOALS.values()), False, 0),
-        QgsProcessingParameterString("ERROR", _ERROR, None, False, True),
-        number("NODES", _NODES, whole, None, True, 1),
-        number("NODES_PERCENT", _PERCENT, real, None, True, 0, 100),
-        number("MIN_ANGLE", _ANGLE, real, None, True, 0, _LARGEST_FLOOR),
-        choice("MODEL", _MODEL, list(MODELS.values()), False, None, True),
-        choice("EFFORT", _EFFORT, list(EFFORTS.values()), False, None, True),
+        choice("GOAL", LABELS["GOAL"], list(GOALS.values()), False, 0),
+        QgsProcessingParameterString("ERROR", LABELS["ERROR"], None, False, True),
+        number("NODES", LABELS["NODES"], whole, None, True, 1),
+        number("NODES_PERCENT", LABELS["NODES_PERCENT"], real, None, True, 0, 100),
+        number("MIN_ANGLE", LABELS["MIN_ANGLE"], real, None, True, 0, LARGEST_FLOOR),
+        choice("MODEL", LABELS["MODEL"], list(MODELS.values()), False, None, True),
+        choice("EFFORT", LABELS["EFFORT"], list(EFFORTS.values()), False, None, True),
     ]
 
 
@@ -120,9 +108,13 @@ def breakline_parameters() -> list[QgsProcessingParameterDefinition]:
     kinds = QgsProcessing.SourceType
     return [
         QgsProcessingParameterFeatureSource(
-            "BREAKLINES", _BREAKLINES, [kinds.TypeVectorLine, kinds.TypeVectorPolygon], None, True
+            "BREAKLINES",
+            LABELS["BREAKLINES"],
+            [kinds.TypeVectorLine, kinds.TypeVectorPolygon],
+            None,
+            True,
         ),
-        QgsProcessingParameterBoolean("CANNY_BREAKLINES", _CANNY, False),
+        QgsProcessingParameterBoolean("CANNY_BREAKLINES", LABELS["CANNY_BREAKLINES"], False),
     ]
 
 
@@ -130,8 +122,8 @@ def advanced_parameters() -> list[QgsProcessingParameterDefinition]:
     """Return the advanced parameters of the preset adaptive."""
     real = QgsProcessingParameterNumber.Type.Double
     made = [
-        QgsProcessingParameterBoolean("KEEP_FEATURES", _KEEP, False),
-        QgsProcessingParameterNumber("TIME_LIMIT", _LIMIT, real, None, True, 0),
+        QgsProcessingParameterBoolean("KEEP_FEATURES", LABELS["KEEP_FEATURES"], False),
+        QgsProcessingParameterNumber("TIME_LIMIT", LABELS["TIME_LIMIT"], real, None, True, 0),
     ]
     for parameter in made:
         advanced = QgsProcessingParameterDefinition.Flag.FlagAdvanced
@@ -139,187 +131,108 @@ def advanced_parameters() -> list[QgsProcessingParameterDefinition]:
     return made
 
 
-def refinement_options(
+@dataclass(frozen=True)
+class Wanted:
+    """The values of the parameters. None: not set.
+
+    Parameters
+    ----------
+    goal : str
+        A key of `GOALS`.
+    error : str or None
+        What the user wrote: a number, or one for each band.
+    nodes : int or None
+    percent : float or None
+        Share of the valid pixels, instead of `nodes`.
+    min_angle : float or None
+        In degrees.
+    model, effort : str or None
+        Keys of `MODELS` and `EFFORTS`.
+    keep_features : bool
+    seconds : float or None
+        Limit of time.
+    canny : bool
+        Whether edges of the image become breaklines.
+    """
+
+    goal: str
+    error: str | None
+    nodes: int | None
+    percent: float | None
+    min_angle: float | None
+    model: str | None
+    effort: str | None
+    keep_features: bool
+    seconds: float | None
+    canny: bool
+
+    @property
+    def is_error(self) -> bool:
+        """Whether the goal is an error."""
+        return self.goal != "--nodes"
+
+    @property
+    def errors(self) -> list[float]:
+        """The errors to reach. Raises ValueError if the text is not a list of numbers."""
+        return [float(part) for part in re.split(r"\s*[,;]\s*|\s+", (self.error or "").strip())]
+
+
+def read_wanted(
     algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
-) -> list[str]:
-    """Return the geomesh options for the parameters that are set, without breaklines of a layer."""
-    options: list[str] = []
-    if is_given(parameters, "NODES", context):
-        options += ["--nodes", str(algorithm.parameterAsInt(parameters, "NODES", context))]
-    if is_given(parameters, "NODES_PERCENT", context):
-        percent = algorithm.parameterAsDouble(parameters, "NODES_PERCENT", context)
-        options += ["--nodes", f"{percent!r}%"]
-    if _wants_error(algorithm, parameters, context):
-        errors = _errors(algorithm, parameters, context)
-        options += [_goal(algorithm, parameters, context), ",".join(map(repr, errors))]
-    if is_given(parameters, "MIN_ANGLE", context):
-        angle = algorithm.parameterAsDouble(parameters, "MIN_ANGLE", context)
-        options += ["--min-angle", repr(angle)]
-    for name, choices in (("MODEL", MODELS), ("EFFORT", EFFORTS)):
-        if is_given(parameters, name, context):
-            chosen = list(choices)[algorithm.parameterAsEnum(parameters, name, context)]
-            options += [f"--{name.lower()}", chosen]
-    if algorithm.parameterAsBool(parameters, "KEEP_FEATURES", context):
-        options += ["--keep-features"]
-    if is_given(parameters, "TIME_LIMIT", context):
-        seconds = algorithm.parameterAsDouble(parameters, "TIME_LIMIT", context)
-        options += ["--time-limit", repr(seconds)]
-    if algorithm.parameterAsBool(parameters, "CANNY_BREAKLINES", context):
-        options += ["--breaklines", "canny"]
-    return options
+) -> Wanted:
+    """Return the values of the parameters."""
 
+    def number(name: str) -> float | None:
+        if not is_given(parameters, name, context):
+            return None
+        return algorithm.parameterAsDouble(parameters, name, context)
 
-def find_refinement_fault(
-    algorithm: QgsProcessingAlgorithm,
-    parameters: dict,
-    context: QgsProcessingContext,
-    presets: Mapping[str, str],
-) -> str:
-    """Return which values contradict each other or are not valid, or an empty text."""
-    given = {name for name in parameters if is_given(parameters, name, context)}
-    # A recipe file takes the place of the preset: geomesh itself finds what does not fit it.
-    preset = list(presets)[algorithm.parameterAsEnum(parameters, "PRESET", context)]
-    preset = "" if "RECIPE" in given else preset
-    return (
-        _find_budget_fault(algorithm, parameters, context, given)
-        or _find_goal_fault(algorithm, parameters, context, given)
-        or _find_preset_fault(algorithm, parameters, context, given, preset)
-        or _find_breaklines_fault(algorithm, parameters, context, given, preset)
+    def choice(name: str, choices: dict[str, str]) -> str | None:
+        if not is_given(parameters, name, context):
+            return None
+        return list(choices)[algorithm.parameterAsEnum(parameters, name, context)]
+
+    error = None
+    if is_given(parameters, "ERROR", context):
+        value = parameters["ERROR"]
+        if isinstance(value, (list, tuple)):  # from a program
+            error = ",".join(map(str, value))
+        else:
+            error = algorithm.parameterAsString(parameters, "ERROR", context)
+    nodes = number("NODES")
+    return Wanted(
+        goal=list(GOALS)[algorithm.parameterAsEnum(parameters, "GOAL", context)],
+        error=error,
+        nodes=None if nodes is None else algorithm.parameterAsInt(parameters, "NODES", context),
+        percent=number("NODES_PERCENT"),
+        min_angle=number("MIN_ANGLE"),
+        model=choice("MODEL", MODELS),
+        effort=choice("EFFORT", EFFORTS),
+        keep_features=algorithm.parameterAsBool(parameters, "KEEP_FEATURES", context),
+        seconds=number("TIME_LIMIT"),
+        canny=algorithm.parameterAsBool(parameters, "CANNY_BREAKLINES", context),
     )
 
 
-def _find_budget_fault(
-    algorithm: QgsProcessingAlgorithm,
-    parameters: dict,
-    context: QgsProcessingContext,
-    given: set[str],
-) -> str:
-    if {"NODES", "NODES_PERCENT"} <= given:
-        return f"{_NODES} is set twice, as a number and as a percentage: clear one of the two."
-    for name, label in (("NODES_PERCENT", _PERCENT), ("TIME_LIMIT", _LIMIT)):
-        if name in given:
-            value = algorithm.parameterAsDouble(parameters, name, context)
-            if not 0 < value < math.inf:
-                return f"{label} is {value:g}: give a number above 0."
-    if "MIN_ANGLE" in given:
-        angle = algorithm.parameterAsDouble(parameters, "MIN_ANGLE", context)
-        if not 0 <= angle <= _LARGEST_FLOOR:
-            return f"{_ANGLE} is {angle:g}: give a number from 0 to {_LARGEST_FLOOR}."
-    return ""
-
-
-def _find_goal_fault(
-    algorithm: QgsProcessingAlgorithm,
-    parameters: dict,
-    context: QgsProcessingContext,
-    given: set[str],
-) -> str:
-    goal = GOALS[_goal(algorithm, parameters, context)]
-    if not _wants_error(algorithm, parameters, context):
-        if "ERROR" in given:
-            return (
-                f"{_ERROR} is set, but the goal is the {goal}: choose {GOALS['--max-error']} or "
-                f"{GOALS['--rmse']} as the goal, or clear the error."
-            )
-        return ""
-    if "ERROR" not in given:
-        return f"The goal is the {goal}: also set {_ERROR}."
-    try:
-        errors = _errors(algorithm, parameters, context)
-    except ValueError:
-        text = algorithm.parameterAsString(parameters, "ERROR", context)
-        return (
-            f"{_ERROR} is {text!r}: give a number such as 2.5, or one for each band, as in 5,5,8."
-        )
-    if not all(0 < error < math.inf for error in errors):
-        return f"{_ERROR} must be above 0 in each band. Write decimals with a point, as in 0.5."
-    bands = algorithm.parameterAsInts(parameters, "BANDS", context)
-    if bands and len(errors) not in (1, len(bands)):
-        return (
-            f"{_ERROR} has {len(errors)} numbers for {len(bands)} bands: give one, or one for each "
-            "band."
-        )
-    return ""
-
-
-def _find_preset_fault(
-    algorithm: QgsProcessingAlgorithm,
-    parameters: dict,
-    context: QgsProcessingContext,
-    given: set[str],
-    preset: str,
-) -> str:
-    """Return which value needs another preset. `preset` is empty if a recipe file says it."""
-    if preset == ADAPTIVE:
-        if "RESIZE" in given:
-            return "The preset adaptive cannot resize the raster: clear Resize, or choose features."
-        if "DOMAIN" in given and algorithm.parameterAsEnum(parameters, "DOMAIN", context) == 2:
-            return (
-                "The preset adaptive covers the valid data or the whole image: choose one of them "
-                "as the area to cover."
-            )
-        return ""
-    if not preset:
-        return ""
-    if _wants_error(algorithm, parameters, context):
-        goal = GOALS[_goal(algorithm, parameters, context)]
-        return f"Only the preset adaptive can reach a {goal}: choose it, or another goal."
-    for name, label in _ONLY_ADAPTIVE.items():
-        if name == "KEEP_FEATURES":
-            used = algorithm.parameterAsBool(parameters, name, context)
-        else:
-            used = name in given
-        if used:
-            return f"{label} is for the preset adaptive: choose that preset, or clear the value."
-    return ""
-
-
-def _find_breaklines_fault(
-    algorithm: QgsProcessingAlgorithm,
-    parameters: dict,
-    context: QgsProcessingContext,
-    given: set[str],
-    preset: str,
-) -> str:
-    canny = algorithm.parameterAsBool(parameters, "CANNY_BREAKLINES", context)
-    if not canny and "BREAKLINES" not in given:
-        return ""
-    if canny and "BREAKLINES" in given:
-        return (
-            "Breaklines are set twice, as a layer and as edges of the image: choose one of the two."
-        )
-    if (
-        "BREAKLINES" in given
-        and algorithm.parameterAsSource(parameters, "BREAKLINES", context) is None
-    ):
-        return "The layer of breaklines cannot be read: choose another one."
-    hull = "DOMAIN" in given and algorithm.parameterAsEnum(parameters, "DOMAIN", context) == 2
-    if preset == "paper" or hull or "RESIZE" in given:
-        return (
-            "Breaklines need a mesh that follows the pixels of the raster: choose the preset "
-            "features or adaptive, without Resize or the convex hull."
-        )
-    return ""
-
-
-def _goal(
-    algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
-) -> str:
-    return list(GOALS)[algorithm.parameterAsEnum(parameters, "GOAL", context)]
-
-
-def _wants_error(
-    algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
-) -> bool:
-    return _goal(algorithm, parameters, context) != "--nodes"
-
-
-def _errors(
-    algorithm: QgsProcessingAlgorithm, parameters: dict, context: QgsProcessingContext
-) -> list[float]:
-    """Return the errors to reach. Raises ValueError if the text is not a list of numbers."""
-    value = parameters.get("ERROR")
-    if isinstance(value, (list, tuple)):  # from a program
-        return [float(each) for each in value]
-    text = algorithm.parameterAsString(parameters, "ERROR", context)
-    return [float(part) for part in re.split(r"\s*[,;]\s*|\s+", text.strip())]
+def refinement_options(wanted: Wanted) -> list[str]:
+    """Return the geomesh options for the values that are set, without breaklines of a layer."""
+    options: list[str] = []
+    if wanted.nodes is not None:
+        options += ["--nodes", str(wanted.nodes)]
+    if wanted.percent is not None:
+        options += ["--nodes", f"{wanted.percent!r}%"]
+    if wanted.is_error:
+        options += [wanted.goal, ",".join(map(repr, wanted.errors))]
+    if wanted.min_angle is not None:
+        options += ["--min-angle", repr(wanted.min_angle)]
+    if wanted.model is not None:
+        options += ["--model", wanted.model]
+    if wanted.effort is not None:
+        options += ["--effort", wanted.effort]
+    if wanted.keep_features:
+        options += ["--keep-features"]
+    if wanted.seconds is not None:
+        options += ["--time-limit", repr(wanted.seconds)]
+    if wanted.canny:
+        options += ["--breaklines", "canny"]
+    return options
