@@ -107,8 +107,9 @@ def load_when_done(
         if channel is not None:
             style_surface(layer, channel, adds=channel is not channels[0])
         name = f"{kind} {channel.name}".strip() if channel is not None else kind
-        # If the user chose the output file, its name is part of the layer name.
-        shown = f"{name} · {title if layer.isTemporary() else Path(output).stem}"
+        # If the user chose the file, its name is part of the layer name.
+        stem = Path(uri.partition("|")[0]).stem
+        shown = f"{name} · {title if layer.isTemporary() else stem}"
         if kind == "triangles" and asked.name not in ("", unnamed):
             shown = asked.name  # chosen by the user or by a model
         layer.setName(shown)
