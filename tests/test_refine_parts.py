@@ -18,13 +18,13 @@ from geomesh.parallel.progress import silent
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.open import open_scene
 from geomesh.refine.block import Block
-from geomesh.refine.least_squares import STAGES, share_out
+from geomesh.refine.least_squares import share_out
 from geomesh.refine.moments import image_of
 from geomesh.refine.parts import Part, divide
 from geomesh.refine.passes import SHIFTS, Crew
 from geomesh.refine.patch import BORDER, FREE, OTHER_PATCH, SHARED, SHARED_TWICE, STAYS, TWO_FANS
 from geomesh.refine.plan import LeastSquares, refine_to_nodes
-from geomesh.refine.settings import Settings
+from geomesh.refine.settings import STAGES, Settings
 from geomesh.refine.units import Units, bound_units, even_units
 from support.refine import (
     MODELS,

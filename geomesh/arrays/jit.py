@@ -26,8 +26,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 boolean, uint8, uint32 = types.boolean, types.uint8, types.uint32
 int32, int64, float64, void = types.int32, types.int64, types.float64, types.void
 
-# Division follows IEEE 754, as in numpy. A test for zero would slow down the loops.
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+# Division follows IEEE 754, as in numpy. A test for zero would slow down the loops. Kernels do not
+# allocate, so they need no code that counts references.
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
 
 # Wrappers that nobody calls would take a fifth of the time of compiling.
 _FROM_PYTHON: dict[str, Any] = {"no_cfunc_wrapper": True}

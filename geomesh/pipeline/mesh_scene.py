@@ -172,7 +172,9 @@ def _load_later_stages(recipe: Recipe, compiling: Callable[[], None]) -> None:
     import scipy.spatial  # noqa: F401
 
     if recipe.refine:
-        import geomesh.pipeline.refine_scene  # noqa: F401
+        from geomesh.pipeline.refine_scene import load_kernels
+
+        load_kernels(recipe)
 
     prepare_kernels(compiling)
 

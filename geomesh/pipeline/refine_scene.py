@@ -14,7 +14,6 @@ from geomesh.parallel.progress import part_of
 from geomesh.pipeline.nodes import wanted_nodes
 from geomesh.pipeline.start import grid_spacing
 from geomesh.refine.passes import Crew
-from geomesh.refine.plan import refine_to_nodes, refine_to_rmse
 from geomesh.refine.refined import start_part
 from geomesh.refine.settings import Settings, block_size
 from geomesh.refine.units import bound_units, even_units
@@ -66,6 +65,16 @@ class Outcome:
     budget: int | None
     reached: bool
     note: str
+
+
+def load_kernels(recipe: Recipe) -> None:
+    """Import the kernels that the goal of a recipe needs, so that they can be compiled early."""
+    if recipe.max_error is not None:
+        import geomesh.refine.bound_plan
+    else:
+        import geomesh.refine.plan
+    if recipe.model == "constant":
+        import geomesh.refine.shift  # noqa: F401
 
 
 def refine_scene(
@@ -131,6 +140,9 @@ def _reach_goal(
     crew = Crew(scene, even_units(*overview), workers, size, is_late)
     if recipe.max_error is not None:
         return _reach_bound(crew, settings, start, limits, budget, progress)
+    # Imported here, as above: kernels for the other goals are not compiled.
+    from geomesh.refine.plan import refine_to_nodes, refine_to_rmse
+
     if recipe.rmse is not None:
         most = budget or pixels
         refined, reached = refine_to_rmse(crew, settings, start, limits, wanted, most, progress)

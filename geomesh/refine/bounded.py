@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geomesh.refine.bounded_block import BoundedBlock
-from geomesh.refine.least_squares import sampled
+from geomesh.refine.units import sampled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

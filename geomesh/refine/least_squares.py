@@ -3,65 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geomesh.refine.block import Block
 from geomesh.refine.moments import image_of
+from geomesh.refine.units import sampled
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import NDArray
 
     from geomesh.arrays.types import Floats, Mask
     from geomesh.refine.parts import Part, Partition
-
-
-@dataclass(frozen=True)
-class Stage:
-    """What one pass does.
-
-    Parameters
-    ----------
-    share : float
-        Share of the wanted nodes that the mesh has after the pass.
-    replacements : tuple of float
-        Shares of the nodes to replace, one after the other.
-    finish : int
-        Rounds of moves and flips at the end.
-    batches : int
-        Batches in which nodes are inserted.
-    """
-
-    share: float
-    replacements: tuple[float, ...] = ()
-    finish: int = 0
-    batches: int = 4
-
-
-# The first pass makes the result independent of the start; the last one takes away the seams of
-# the one before.
-STAGES: Mapping[str, tuple[Stage, ...]] = MappingProxyType(
-    {
-        "fast": (Stage(0.3, batches=5), Stage(1.0, finish=1), Stage(1.0, finish=1)),
-        "normal": (
-            Stage(0.3, batches=8),
-            Stage(1.0, (0.15, 0.1)),
-            Stage(1.0, (0.15, 0.1, 0.1), 2),
-            Stage(1.0, (), 2),
-        ),
-        "best": (
-            Stage(0.3, batches=8),
-            Stage(1.0, (0.15, 0.1, 0.1)),
-            Stage(1.0, (0.15, 0.15, 0.1, 0.1), 2),
-            Stage(1.0, (0.15, 0.1, 0.1, 0.1), 3),
-            Stage(1.0, (), 3),
-        ),
-    }
-)
+    from geomesh.refine.settings import Stage
 
 
 @dataclass(frozen=True)
@@ -111,24 +66,6 @@ def refine_block(part: Part, pixels: Floats, valid: Mask, step: Step) -> tuple[P
         if step.stage.finish:
             block.finish(step.stage.finish)
     return block.part(), Report(block.own, block.error, block.pixels)
-
-
-def sampled(points: Floats, pixels: Floats, valid: Mask) -> Floats:
-    """Return the values (n, B) of the pixels at nodes, or of a valid pixel beside them, or 0.
-
-    `points` are relative to the centre of the first pixel.
-    """
-    height, width = valid.shape
-    values = np.zeros((len(points), len(pixels)))
-    missing = np.ones(len(points), np.bool_)
-    # A node on a corner of four pixels takes the first valid one of them.
-    for dx, dy in ((0.25, 0.25), (-0.25, 0.25), (0.25, -0.25), (-0.25, -0.25)):
-        col = np.clip(np.rint(points[:, 0] + dx).astype(int), 0, width - 1)
-        row = np.clip(np.rint(points[:, 1] + dy).astype(int), 0, height - 1)
-        found = missing & valid[row, col]
-        values[found] = pixels[:, row[found], col[found]].T
-        missing &= ~found
-    return values
 
 
 def share_out(weights: NDArray[np.float64], total: int) -> NDArray[np.int64]:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geomesh.parallel.progress import part_of
-from geomesh.refine.least_squares import Report, Stage, Step, refine_block, targets
+from geomesh.refine.least_squares import Report, Step, refine_block, targets
 from geomesh.refine.moments import CONSTANT, LINEAR
 from geomesh.refine.refined import finished
+from geomesh.refine.settings import Stage
 from geomesh.surface.accuracy import measure_accuracy
 from geomesh.surface.fit import Surface, fit_surface, fit_values
 

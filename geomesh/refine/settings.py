@@ -1,14 +1,18 @@
-"""Settings of a refinement, and the size of its blocks."""
+"""Settings of a refinement: what each pass does, and the size of its blocks.
+
+This module imports no kernels, so that only those are compiled that a goal needs.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from geomesh.refine.least_squares import STAGES, Stage
-
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from geomesh.parameters import Effort, Model
 
 # Blocks have at least this side in pixels, and about this many nodes; but not more pixels than
@@ -16,6 +20,50 @@ if TYPE_CHECKING:
 _SMALLEST = 512
 _NODES = 650
 _LARGEST = 2048
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What one pass does.
+
+    Parameters
+    ----------
+    share : float
+        Share of the wanted nodes that the mesh has after the pass.
+    replacements : tuple of float
+        Shares of the nodes to replace, one after the other.
+    finish : int
+        Rounds of moves and flips at the end.
+    batches : int
+        Batches in which nodes are inserted.
+    """
+
+    share: float
+    replacements: tuple[float, ...] = ()
+    finish: int = 0
+    batches: int = 4
+
+
+# The first pass makes the result independent of the start; the last one takes away the seams of
+# the one before.
+STAGES: Mapping[str, tuple[Stage, ...]] = MappingProxyType(
+    {
+        "fast": (Stage(0.3, batches=5), Stage(1.0, finish=1), Stage(1.0, finish=1)),
+        "normal": (
+            Stage(0.3, batches=8),
+            Stage(1.0, (0.15, 0.1)),
+            Stage(1.0, (0.15, 0.1, 0.1), 2),
+            Stage(1.0, (), 2),
+        ),
+        "best": (
+            Stage(0.3, batches=8),
+            Stage(1.0, (0.15, 0.1, 0.1)),
+            Stage(1.0, (0.15, 0.15, 0.1, 0.1), 2),
+            Stage(1.0, (0.15, 0.1, 0.1, 0.1), 3),
+            Stage(1.0, (), 3),
+        ),
+    }
+)
 
 
 @dataclass(frozen=True)

@@ -81,3 +81,21 @@ def bound_units(limits: Sequence[float], offset: Floats) -> Units:
         Usual values of the bands.
     """
     return Units(offset, np.array(limits, np.float64) * _WITHIN)
+
+
+def sampled(points: Floats, pixels: Floats, valid: Mask) -> Floats:
+    """Return the values (n, B) of the pixels at nodes, or of a valid pixel beside them, or 0.
+
+    `points` are relative to the centre of the first pixel.
+    """
+    height, width = valid.shape
+    values = np.zeros((len(points), len(pixels)))
+    missing = np.ones(len(points), np.bool_)
+    # A node on a corner of four pixels takes the first valid one of them.
+    for dx, dy in ((0.25, 0.25), (-0.25, 0.25), (0.25, -0.25), (-0.25, -0.25)):
+        col = np.clip(np.rint(points[:, 0] + dx).astype(int), 0, width - 1)
+        row = np.clip(np.rint(points[:, 1] + dy).astype(int), 0, height - 1)
+        found = missing & valid[row, col]
+        values[found] = pixels[:, row[found], col[found]].T
+        missing &= ~found
+    return values

@@ -97,7 +97,6 @@ def test_a_mean_error_for_each_band(run, olinda):
         assert band["rmse"] <= limit
 
 
-@pytest.mark.skip(reason="geomesh does not refine to a largest error yet: then remove this line")
 def test_a_largest_error(run, samples):
     dem = samples / "rmnp_dem.tif"
     made = run(dem, PRESET=ADAPTIVE, GOAL=LARGEST, ERROR=60, EFFORT=FAST)
