@@ -170,15 +170,19 @@ class Recipe:
     def _require_one_goal(self) -> None:
         if self.max_error is not None and self.rmse is not None:
             raise RecipeError(
-                f"max_error is {self.max_error!r} and rmse is {self.rmse!r}: give one of the two"
+                f"`max_error` is {self.max_error!r} and `rmse` is {self.rmse!r}: give one of both"
+            )
+        if self.max_error is not None and self.model == "constant":
+            raise RecipeError(
+                "`max_error` needs `model=linear`: one value for each triangle cannot keep a bound"
             )
         defaults = {field.name: field.default for field in fields(self)}
         for name in _OF_REFINEMENT:
             value = getattr(self, name)
             if not self.refine and value != defaults[name]:
                 raise RecipeError(
-                    f"{name} is {value!r}, but the preset {self.preset} is not refined: use the "
-                    "preset adaptive"
+                    f"`{name}` is {value!r}, but the preset {self.preset} is not refined: use "
+                    "`preset=adaptive`"
                 )
 
     @property

@@ -68,10 +68,21 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_mirrored(folder / "scene.tif", NODATA_EDGE, 1300, 1200)
 
 
-@pytest.mark.parametrize("preset", ["features", "paper"])
-def test_mesh_of_a_cluster_is_that_of_threads(scene: Path, client: Any, preset: str) -> None:
-    mesh = geomesh.mesh_raster(scene, preset=preset, executor=client.get_executor())
-    assert fingerprint(mesh) == fingerprint(geomesh.mesh_raster(scene, preset=preset, workers=2))
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"preset": "features"},
+        {"preset": "paper"},
+        {"preset": "adaptive", "effort": "fast"},
+        {"preset": "adaptive", "max_error": 3000, "effort": "fast"},
+    ],
+    ids=lambda options: " ".join(map(str, options.values())),
+)
+def test_mesh_of_a_cluster_is_that_of_threads(
+    scene: Path, client: Any, options: dict[str, Any]
+) -> None:
+    mesh = geomesh.mesh_raster(scene, executor=client.get_executor(), **options)
+    assert fingerprint(mesh) == fingerprint(geomesh.mesh_raster(scene, workers=2, **options))
 
 
 def test_array_is_sent_to_the_cluster_in_parts(scene: Path, client: Any) -> None:

@@ -147,14 +147,14 @@ def test_a_window_sees_its_part_of_the_whole(col, row, width, height):
 
 
 def test_ranges_are_clipped_and_empty_outside():
-    corners = sort_corners(0.0, 0.0, 10.0, 0.0, 0.0, 10.0)
-    assert row_range(corners, -5, 50) == (0, 10)
-    assert row_range(corners, 3, 7) == (3, 7)
-    first, stop = row_range(corners, 20, 30)
+    corners = sort_corners.py_func(0.0, 0.0, 10.0, 0.0, 0.0, 10.0)
+    assert row_range.py_func(corners, -5, 50) == (0, 10)
+    assert row_range.py_func(corners, 3, 7) == (3, 7)
+    first, stop = row_range.py_func(corners, 20, 30)
     assert first >= stop
-    assert column_range(corners, 4, -5, 50) == (0, 5)
-    assert column_range(corners, 4, 1, 3) == (1, 3)
-    first, stop = column_range(corners, 4, 6, 9)
+    assert column_range.py_func(corners, 4, -5, 50) == (0, 5)
+    assert column_range.py_func(corners, 4, 1, 3) == (1, 3)
+    first, stop = column_range.py_func(corners, 4, 6, 9)
     assert first >= stop
 
 

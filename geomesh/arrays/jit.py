@@ -108,7 +108,10 @@ def kernel(signature: Any) -> Callable[[Function], Function]:
 
 
 def inner(function: Function) -> Function:
-    """Compile a function that only kernels call. It becomes part of each of them."""
+    """Compile a function that only kernels call. It becomes part of each of them.
+
+    Python must not call it: the function as it was written is its `py_func`.
+    """
     compiled: Any = numba.njit(**_OPTIONS, **_INSIDE)(function)
     resolve = compiled.get_call_template
     unliteral: Any = types.unliteral

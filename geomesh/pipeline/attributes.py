@@ -105,6 +105,7 @@ def describe(
             budget=outcome.budget,
             reached=outcome.reached,
             note=outcome.note,
+            min_angle_floor=None if outcome.keeps_floor else 0.0,
         )
         if is_linear:
             node_columns |= surface_columns.node_columns(values, accuracy.bands)

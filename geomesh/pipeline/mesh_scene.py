@@ -172,7 +172,7 @@ def _load_later_stages(recipe: Recipe, compiling: Callable[[], None]) -> None:
     import scipy.spatial  # noqa: F401
 
     if recipe.refine:
-        from geomesh.pipeline.refine_scene import load_kernels
+        from geomesh.pipeline.goals import load_kernels
 
         load_kernels(recipe)
 

@@ -26,10 +26,13 @@ class Bounded:
     refined : Refined
     violations : int
         Triangles that have a pixel out of bounds.
+    keeps_floor : bool
+        Whether nodes were inserted under the rule for the smallest angle only.
     """
 
     refined: Refined
     violations: int
+    keeps_floor: bool
 
 
 def refine_to_bound(crew: Crew, settings: Settings, start: Part, progress: Progress) -> Bounded:
@@ -46,10 +49,11 @@ def refine_to_bound(crew: Crew, settings: Settings, start: Part, progress: Progr
     part, reports = start, list[Report]()
     divided = len(crew.divide(part, 0)) > 1
     steps = schedule(settings.floor, settings.effort, blocks=divided)
-    turn = 0
+    turn, keeps_floor = 0, True
     for i, step in enumerate(steps):
         if not is_needed(step, reports):
             continue
+        keeps_floor &= step.floor >= settings.floor
         blocks = crew.divide(part, turn)
         more = part_of(progress, i / len(steps), (i + 1) / len(steps))
         what = "Merging nodes" if step.rounds else "Inserting nodes"
@@ -57,7 +61,7 @@ def refine_to_bound(crew: Crew, settings: Settings, start: Part, progress: Progr
         part, found = crew.run(blocks, bound_block, [step] * len(blocks), more, message)
         turn += 1
         if None in found:  # the time is over
-            return Bounded(finished(part, crew.units, in_time=False), 0)
+            return Bounded(finished(part, crew.units, in_time=False), 0, keeps_floor)
         reports = found
     violations = sum(report.violations for report in reports)
-    return Bounded(finished(part, crew.units, in_time=True), violations)
+    return Bounded(finished(part, crew.units, in_time=True), violations, keeps_floor)

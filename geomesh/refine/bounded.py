@@ -30,6 +30,9 @@ _MERGES: Mapping[Effort, tuple[int, int]] = MappingProxyType(
 )
 _ROUNDS: Mapping[Effort, int] = MappingProxyType({"fast": 1, "normal": 6, "best": 6})
 
+# `sharpness` of the triangles that are made where the bound cannot be kept otherwise: 0.5 degrees.
+_THINNEST = 7.6e-5
+
 # Round from which on Newton steps pay: they take longer, and fewer nodes are left.
 _PLACING_FROM = 2
 
@@ -97,16 +100,18 @@ def schedule(floor: float, effort: Effort, *, blocks: bool) -> list[Step]:
         Whether the mesh is divided; False: all of it is one block, and one pass suffices.
     """
     place = effort == "best"
+    # The bound comes before the floor: the last steps insert nodes without it.
+    last = [Step(0, _THINNEST, if_violated=True)] * (_INSERTIONS if floor > _THINNEST else 0)
     if not blocks:
         start = _PLACING_FROM if place else None
-        return [Step(_ROUNDS[effort], floor, start, is_first=True)]
+        return [Step(_ROUNDS[effort], floor, start, is_first=True), *last]
     steps = [Step(0, floor, if_violated=i > 0, is_first=i == 0) for i in range(_INSERTIONS)]
     passes, rounds = _MERGES[effort]
     for i in range(passes):
         start = max(_PLACING_FROM - i * rounds, 0) if place else None
         steps.append(Step(rounds, floor, start))
     # Blocks may leave pixels out of bounds beside their borders.
-    return [*steps, *[Step(0, floor, if_violated=True)] * _INSERTIONS]
+    return [*steps, *[Step(0, floor, if_violated=True)] * _INSERTIONS, *last]
 
 
 def is_needed(step: Step, reports: Sequence[Report]) -> bool:
