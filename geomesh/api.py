@@ -201,8 +201,11 @@ def mesh_raster(
     Parameters
     ----------
     source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
-    preset : {"features", "paper"}
+    preset : {"features", "adaptive", "paper"}
         "features": nodes at the image's own resolution, over the whole valid area.
+        "adaptive": then nodes are moved, added and removed to reach a goal: ``nodes=`` a number
+        or a share of the pixels (default 1 %), ``max_error=`` a bound on the error at every
+        valid pixel, or ``rmse=`` a root mean square error. See docs/presets.md.
         "paper": exactly the published system, at 256 x 256 pixels.
     recipe : Recipe, optional
         Used instead of the preset.

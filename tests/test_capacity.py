@@ -17,8 +17,9 @@ from geomesh.io.read import read_mesh
 from geomesh.io.write import write_mesh
 from geomesh.parameters import LAYERS
 from geomesh.pipeline import mesh_file
-from geomesh.pipeline.mesh_scene import count_columns
+from geomesh.pipeline.attributes import count_columns
 from geomesh.raster.open import open_scene
+from geomesh.recipe import Recipe
 from support.cases import palette
 from support.files import read_layer
 from support.meshes import two_triangles
@@ -43,10 +44,12 @@ def test_the_columns_of_a_mesh_are_known_in_advance(
     tmp_path: Path, make: Callable[[Path], str], statistics: tuple[str, ...]
 ) -> None:
     source = make(tmp_path)
-    mesh = geomesh.mesh_raster(source, statistics=statistics)
-    for layer in LAYERS:
-        expected = count_columns(layer, open_scene(source), statistics)
-        assert expected == len(mesh.attributes(layer))
+    for values in ({}, {"refine": True}, {"refine": True, "model": "constant"}):
+        recipe = Recipe().with_values(statistics=statistics, **values)
+        mesh = geomesh.mesh_raster(source, recipe=recipe)
+        for layer in LAYERS:
+            expected = count_columns(layer, open_scene(source), recipe)
+            assert expected == len(mesh.attributes(layer)), (layer, values)
 
 
 def test_too_many_bands_for_a_geopackage_are_refused_before_the_work(

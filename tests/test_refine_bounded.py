@@ -18,7 +18,8 @@ from geomesh.refine.bounded import Report, Step, bound_block, is_needed, schedul
 from geomesh.refine.bounded_block import BoundedBlock
 from geomesh.refine.parts import Part, divide
 from geomesh.refine.passes import SHIFTS
-from geomesh.refine.patch import BORDER, OTHER_PATCH, SHARED, SHARED_TWICE, STAYS, new_star
+from geomesh.refine.patch import BORDER, OTHER_PATCH, SHARED, SHARED_TWICE, STAYS
+from geomesh.refine.star import new_star
 
 FLOOR = float(np.sin(np.radians(10)) ** 2)
 

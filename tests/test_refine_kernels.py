@@ -11,19 +11,9 @@ from geomesh.raster.grid import Window
 from geomesh.refine.block import Block
 from geomesh.refine.flip_edges import flip_edges
 from geomesh.refine.insert import insert_where_worst
-from geomesh.refine.moments import (
-    LINEAR,
-    Surface,
-    image_of,
-    measure_all,
-    new_room,
-)
-from geomesh.refine.patch import (
-    FREE,
-    SHARED,
-    STAYS,
-    Patch,
-)
+from geomesh.refine.moments import LINEAR, Surface, image_of, measure_all
+from geomesh.refine.node_system import new_room
+from geomesh.refine.patch import FREE, SHARED, STAYS, Patch
 from geomesh.refine.split import new_log
 from geomesh.zonal.owners import find_owners
 from support.refine import (

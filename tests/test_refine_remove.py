@@ -12,20 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geomesh.refine.block import Block
-from geomesh.refine.moments import LINEAR, image_of, new_room
-from geomesh.refine.patch import (
-    FREE,
-    MOST_AROUND,
-    SHARED,
-    SHARED_TWICE,
-    STAYS,
-    TWO_FANS,
-    Star,
-    can_merge,
-    new_star,
-)
+from geomesh.refine.connect import can_merge
+from geomesh.refine.moments import LINEAR, image_of
+from geomesh.refine.node_system import new_room
+from geomesh.refine.patch import FREE, SHARED, SHARED_TWICE, STAYS, TWO_FANS
 from geomesh.refine.refined import start_part
 from geomesh.refine.remove import NEVER, remove_nodes
+from geomesh.refine.star import MOST_AROUND, Star, new_star
 from support.refine import (
     MODELS,
     as_triangles,

@@ -9,19 +9,13 @@ import numpy as np
 from geomesh.refine.flip_edges import flip_edges
 from geomesh.refine.insert import insert_where_worst
 from geomesh.refine.load import grown, ids_of, own_nodes, part_of, patch_of
-from geomesh.refine.moments import (
-    LINEAR,
-    OF_BAND,
-    OF_PIXELS,
-    Image,
-    Surface,
-    measure_all,
-    new_room,
-)
+from geomesh.refine.moments import LINEAR, OF_BAND, OF_PIXELS, Image, Surface, measure_all
 from geomesh.refine.move import move_nodes
-from geomesh.refine.patch import new_star, room_for
+from geomesh.refine.node_system import new_room
+from geomesh.refine.patch import room_for
 from geomesh.refine.remove import NEVER, remove_nodes
 from geomesh.refine.split import new_log
+from geomesh.refine.star import new_star
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats

@@ -15,7 +15,7 @@ from geomesh.refine.scan import by_rows, columns_of
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats, Points
-    from geomesh.refine.patch import Star
+    from geomesh.refine.star import Star
 
 # The bound, with room for the rounding of float64.
 BOUND = 1 + 1e-9

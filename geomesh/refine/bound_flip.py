@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import float64, int64, kernel, writes
 from geomesh.refine.bound import BOUND, triangle_error
-from geomesh.refine.patch import PATCH, Patch, convex, corner_sharpness, flip, side_of
+from geomesh.refine.connect import flip
+from geomesh.refine.patch import PATCH, Patch, side_of
+from geomesh.refine.shape import convex, corner_sharpness
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats

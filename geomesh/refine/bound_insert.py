@@ -9,17 +9,10 @@ import numpy as np
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import BOUND, heights_of, measure
-from geomesh.refine.patch import (
-    OTHER_PATCH,
-    PATCH,
-    SHARED,
-    STAR,
-    Patch,
-    Star,
-    around,
-    on_lattice,
-)
+from geomesh.refine.patch import OTHER_PATCH, PATCH, SHARED, Patch
+from geomesh.refine.shape import on_lattice
 from geomesh.refine.split import LOG, Log, insert_node
+from geomesh.refine.star import STAR, Star, around
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

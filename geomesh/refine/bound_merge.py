@@ -11,24 +11,10 @@ from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import heights_of, take_middle
-from geomesh.refine.patch import (
-    FREE,
-    MOST_AROUND,
-    PATCH,
-    SHARED,
-    SHARED_TWICE,
-    STAR,
-    Patch,
-    Star,
-    around,
-    can_merge,
-    collapse,
-    hard_spokes,
-    lattice_step,
-    on_lattice,
-    star_sharpness,
-    straight,
-)
+from geomesh.refine.connect import can_merge, collapse
+from geomesh.refine.patch import FREE, PATCH, SHARED, SHARED_TWICE, Patch
+from geomesh.refine.shape import lattice_step, on_lattice, straight
+from geomesh.refine.star import MOST_AROUND, STAR, Star, around, hard_spokes, star_sharpness
 
 if TYPE_CHECKING:
     import numpy as np

@@ -13,20 +13,10 @@ import numpy as np
 
 from geomesh.arrays.jit import float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import BOUND, triangle_error
-from geomesh.refine.patch import (
-    FARTHEST,
-    FREE,
-    PATCH,
-    SHARED,
-    STAR,
-    Patch,
-    Star,
-    around,
-    freedom,
-    on_lattice,
-    star_sharpness,
-)
+from geomesh.refine.patch import FREE, PATCH, SHARED, Patch
 from geomesh.refine.scan import by_rows, columns_of
+from geomesh.refine.shape import on_lattice
+from geomesh.refine.star import FARTHEST, STAR, Star, around, freedom, star_sharpness
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats, Points

@@ -18,19 +18,16 @@ from geomesh.refine.bound_move import (
     on_track,
     sum_within,
 )
-from geomesh.refine.patch import (
+from geomesh.refine.connect import can_merge, collapse
+from geomesh.refine.patch import FREE, PATCH, Patch
+from geomesh.refine.shape import on_lattice
+from geomesh.refine.star import (
     FARTHEST,
-    FREE,
     MOST_AROUND,
-    PATCH,
     STAR,
-    Patch,
     Star,
     around,
-    can_merge,
-    collapse,
     hard_spokes,
-    on_lattice,
     star_sharpness,
 )
 

@@ -12,8 +12,9 @@ from geomesh.refine.bound_insert import insert_violating
 from geomesh.refine.bound_merge import merge_nodes
 from geomesh.refine.bound_move import new_system, relax_in_bound
 from geomesh.refine.load import grown, ids_of, own_nodes, part_of, patch_of
-from geomesh.refine.patch import new_star, room_for
+from geomesh.refine.patch import room_for
 from geomesh.refine.split import new_log
+from geomesh.refine.star import new_star
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,17 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import float64, int64, kernel, writes
-from geomesh.refine.moments import (
-    IMAGE,
-    ROOM,
-    SURFACE,
-    Image,
-    Room,
-    Surface,
-    error_of,
-    moments_along,
-)
-from geomesh.refine.patch import PATCH, Patch, convex, corner_sharpness, flip, side_of
+from geomesh.refine.connect import flip
+from geomesh.refine.moments import IMAGE, SURFACE, Image, Surface, error_of, moments_along
+from geomesh.refine.node_system import ROOM, Room
+from geomesh.refine.patch import PATCH, Patch, side_of
+from geomesh.refine.shape import convex, corner_sharpness
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts

@@ -18,8 +18,9 @@ from geomesh.refine.moments import (
     Surface,
     measure_triangle,
 )
-from geomesh.refine.patch import PATCH, Patch, doubled_area, on_lattice
+from geomesh.refine.patch import PATCH, Patch
 from geomesh.refine.scan import columns_of, rows_of
+from geomesh.refine.shape import doubled_area, on_lattice
 from geomesh.refine.split import LOG, Log, insert_node
 
 if TYPE_CHECKING:

@@ -13,36 +13,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel
-from geomesh.refine.moments import (
-    IMAGE,
+from geomesh.refine.moments import IMAGE, SURFACE, Image, Surface, moments_along, squared_error
+from geomesh.refine.node_system import (
     OF_NODE,
     OF_VALUE,
     RIDGE,
     ROOM,
     SPOKES,
-    SURFACE,
-    Image,
     Room,
-    Surface,
     add_to_system,
     best_error,
-    moments_along,
-    squared_error,
     take_best_values,
 )
-from geomesh.refine.patch import (
-    FARTHEST,
-    FREE,
-    PATCH,
-    SHARED,
-    STAR,
-    Patch,
-    Star,
-    around,
-    freedom,
-    on_lattice,
-    star_sharpness,
-)
+from geomesh.refine.patch import FREE, PATCH, SHARED, Patch
+from geomesh.refine.shape import on_lattice
+from geomesh.refine.star import FARTHEST, STAR, Star, around, freedom, star_sharpness
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Floats, Points

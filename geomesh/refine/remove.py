@@ -5,38 +5,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel, reads, writes
+from geomesh.refine.connect import can_merge, collapse
 from geomesh.refine.moments import (
     CONSTANT,
     IMAGE,
-    ROOM,
     SURFACE,
     Image,
-    Room,
     Surface,
-    add_to_system,
-    best_error,
     measure_triangle,
     moments_along,
     spread,
     squared_error,
-    take_best_values,
 )
-from geomesh.refine.patch import (
-    FREE,
-    MOST_AROUND,
-    PATCH,
-    SHARED,
-    SHARED_TWICE,
-    STAR,
-    Patch,
-    Star,
-    around,
-    can_merge,
-    collapse,
-    hard_spokes,
-    sharpness,
-    straight,
-)
+from geomesh.refine.node_system import ROOM, Room, add_to_system, best_error, take_best_values
+from geomesh.refine.patch import FREE, PATCH, SHARED, SHARED_TWICE, Patch
+from geomesh.refine.shape import sharpness, straight
+from geomesh.refine.star import MOST_AROUND, STAR, Star, around, hard_spokes
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats, Mask, Points

@@ -12,20 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geomesh.arrays.jit import boolean, float64, inner, int64, kernel
-from geomesh.refine.moments import IMAGE, ROOM, SURFACE, Image, Room, Surface, spread
+from geomesh.refine.moments import IMAGE, SURFACE, Image, Surface, spread
 from geomesh.refine.move import TRIES, moved_moments, take_moments
-from geomesh.refine.patch import (
-    FARTHEST,
-    FREE,
-    PATCH,
-    STAR,
-    Patch,
-    Star,
-    around,
-    freedom,
-    on_lattice,
-    star_sharpness,
-)
+from geomesh.refine.node_system import ROOM, Room
+from geomesh.refine.patch import FREE, PATCH, Patch
+from geomesh.refine.shape import on_lattice
+from geomesh.refine.star import FARTHEST, STAR, Star, around, freedom, star_sharpness
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Floats

@@ -8,17 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from geomesh.arrays.jit import inner, int64, named, uint8, writes
-from geomesh.refine.patch import (
-    OTHER_PATCH,
-    Patch,
-    convex,
-    corner_of,
-    corner_sharpness,
-    flip,
-    lattice_step,
-    relink,
-    side_of,
-)
+from geomesh.refine.connect import flip
+from geomesh.refine.patch import OTHER_PATCH, Patch, corner_of, relink, side_of
+from geomesh.refine.shape import convex, corner_sharpness, lattice_step
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

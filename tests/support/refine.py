@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 
 from geomesh.refine.block import Block
-from geomesh.refine.moments import CONSTANT, LINEAR, RIDGE, Surface, image_of, measure_all
+from geomesh.refine.moments import CONSTANT, LINEAR, Surface, image_of, measure_all
+from geomesh.refine.node_system import RIDGE
 from geomesh.refine.patch import BORDER, OTHER_PATCH
 from geomesh.refine.refined import start_part
 
