@@ -81,7 +81,8 @@ def reach_goal(
         result = _reach_bound(crew, settings, start, limits, limited, progress)
     else:
         # Imported here, as below: kernels for other goals are not compiled.
-        from geomesh.refine.plan import refine_to_nodes, refine_to_rmse
+        from geomesh.refine.plan import refine_to_nodes
+        from geomesh.refine.rmse_plan import refine_to_rmse
 
         if recipe.rmse is not None:
             refined, reached = refine_to_rmse(crew, settings, start, limits, wanted, most, progress)
