@@ -27,13 +27,12 @@ from geomesh.evaluate.baselines import baselines
 from geomesh.features.detect import Detection, detect_keypoints, shrink
 from geomesh.features.gray_image import SceneGray
 from geomesh.features.overview import read_overview
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.deadline import never
 from geomesh.parallel.progress import silent
-from geomesh.pipeline.mesh_scene import scene_tone, triangulate_nodes
-from geomesh.pipeline.nodes import NodeSet, place_nodes, wanted_nodes
+from geomesh.pipeline.join import join_nodes, triangulate_nodes
+from geomesh.pipeline.mesh_scene import scene_tone
+from geomesh.pipeline.nodes import NodeSet, place_nodes
 from geomesh.pipeline.refine_scene import refine_scene
-from geomesh.pipeline.start import grid_spacing, start_nodes
 from geomesh.raster.crop import middle
 from geomesh.raster.grid import Grid
 from geomesh.raster.open import open_scene
@@ -139,19 +138,7 @@ def _refined(
     recipe = Recipe.from_preset(ADAPTIVE).with_values(nodes=wanted, domain="image")
     scene = open_scene((np.ma.array(gray, mask=~valid), None, None))
     nodes = place_nodes(detection, scene.grid, recipe)
-    pixels = nodes.domain.valid_pixels
-    spacing = grid_spacing(pixels, wanted_nodes(recipe, pixels))
-    nodes = start_nodes(nodes, scene.grid, spacing, recipe.min_angle, workers.local)
-    nodes, triangles = triangulate_nodes(nodes, scene.grid, detection.size, workers.local)
-    start = TriangleMesh(
-        nodes=nodes.points,
-        triangles=triangles,
-        grid=scene.grid,
-        domain=nodes.domain,
-        constraints=nodes.segments,
-        plane_size=detection.size,
-        node_table=nodes.table,
-    )
+    start = join_nodes(nodes, scene.grid, detection.size, recipe, workers.local)
     with scene.open():
         overview = read_overview(scene, workers, silent)
         mesh = refine_scene(start, scene, recipe, overview, workers, silent, is_late=never).mesh

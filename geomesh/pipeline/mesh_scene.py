@@ -16,7 +16,6 @@ import shapely
 
 from geomesh._version import __version__
 from geomesh.arrays.jit import prepare_kernels
-from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
 from geomesh.errors import GeomeshWarning, RecipeError, WorkerError
 from geomesh.features.detect import detect_keypoints
 from geomesh.features.gray import Tone, fit_tone
@@ -28,23 +27,20 @@ from geomesh.mesh.provenance import (
     SourceBand,
     SourceRaster,
 )
-from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.background import in_background
 from geomesh.parallel.deadline import never
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.pipeline.attributes import describe
 from geomesh.pipeline.breaklines import CANNY
-from geomesh.pipeline.nodes import NodeSet, place_nodes, wanted_nodes
-from geomesh.pipeline.start import grid_spacing, start_nodes
+from geomesh.pipeline.join import join_nodes
+from geomesh.pipeline.nodes import place_nodes
 from geomesh.raster.pixels import Excerpt
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from concurrent.futures import Executor
 
-    from geomesh.arrays.types import Triangles
+    from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.workers import Workers
-    from geomesh.raster.grid import Grid
     from geomesh.raster.lines import PixelLines
     from geomesh.raster.pixels import Pixels
     from geomesh.raster.scene import Scene
@@ -111,20 +107,7 @@ def mesh_scene(
         later_stages.result()
         progress(0.7 * share, "Triangulating")
         nodes = place_nodes(detection, scene.grid, recipe, breaklines)
-        if recipe.refine:
-            pixels = nodes.domain.valid_pixels
-            spacing = grid_spacing(pixels, wanted_nodes(recipe, pixels))
-            nodes = start_nodes(nodes, scene.grid, spacing, recipe.min_angle, workers.local)
-        nodes, triangles = triangulate_nodes(nodes, scene.grid, detection.size, workers.local)
-        mesh = TriangleMesh(
-            nodes=nodes.points,
-            triangles=triangles,
-            grid=scene.grid,
-            domain=nodes.domain,
-            constraints=nodes.segments,
-            plane_size=detection.size,
-            node_table=nodes.table,
-        )
+        mesh = join_nodes(nodes, scene.grid, detection.size, recipe, workers.local)
         outcome = None
         if recipe.refine:
             # Imported here: its kernels take most of the time that compiling takes.
@@ -242,43 +225,3 @@ def tone_of(scene: Scene, recipe: Recipe, overview: Pixels) -> Tone:
     bands, valid = overview
     numbers = [band.index for band in scene.bands]
     return fit_tone(bands, valid, recipe, rgb=scene.rgb, numbers=numbers)
-
-
-def triangulate_nodes(
-    nodes: NodeSet, grid: Grid, plane_size: tuple[int, int], threads: Executor
-) -> tuple[NodeSet, Triangles]:
-    """Triangulate nodes; return the nodes in use, and triangles counter-clockwise on the map.
-
-    Parameters
-    ----------
-    nodes : NodeSet
-    grid : Grid
-        The pixel grid of the source.
-    plane_size : (int, int)
-        Width and height of the image in whose plane the triangulation is Delaunay.
-    threads : Executor
-        Used if there are too many nodes for one triangulation.
-    """
-    plane = nodes.points * (plane_size[0] / grid.width, plane_size[1] / grid.height)
-    if len(nodes.segments):
-        outline, lines = nodes.segments[~nodes.is_breakline], nodes.segments[nodes.is_breakline]
-        triangles, used = constrained_delaunay(plane, outline, lines=lines, executor=threads)
-    else:
-        triangles, used = delaunay(plane, executor=threads)
-    new_id = np.full(len(nodes.points), -1, np.int32)
-    new_id[used] = np.arange(len(used), dtype=np.int32)
-    triangles = new_id[triangles]
-    if grid.flips:
-        triangles = triangles[:, [0, 2, 1]]
-    # In the order of the edges, which is the order when a mesh is read from a file.
-    segments, first = np.unique(
-        np.sort(new_id[nodes.segments], axis=1).reshape(-1, 2), axis=0, return_index=True
-    )
-    kept = replace(
-        nodes,
-        points=nodes.points[used],
-        table=nodes.table.take(used),
-        segments=segments,
-        is_breakline=nodes.is_breakline[first],
-    )
-    return kept, np.ascontiguousarray(triangles)

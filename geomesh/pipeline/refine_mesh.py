@@ -14,7 +14,8 @@ from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import boundary_edges, edge_keys
 from geomesh.parallel.progress import part_of
 from geomesh.pipeline.attributes import describe
-from geomesh.pipeline.mesh_scene import source_of, tone_of, triangulate_nodes, versions
+from geomesh.pipeline.join import triangulate_nodes
+from geomesh.pipeline.mesh_scene import source_of, tone_of, versions
 from geomesh.pipeline.nodes import NodeSet, wanted_nodes
 from geomesh.pipeline.refine_scene import refine_scene
 from geomesh.pipeline.start import grid_spacing, start_nodes
