@@ -26,9 +26,10 @@ from geomesh.features.gray_image import SceneGray
 from geomesh.features.overview import read_overview
 from geomesh.parallel.deadline import never
 from geomesh.parallel.workers import open_workers
-from geomesh.pipeline.mesh_scene import scene_tone, triangulate_nodes
+from geomesh.pipeline.join import join_nodes
+from geomesh.pipeline.mesh_scene import scene_tone
 from geomesh.pipeline.nodes import place_nodes
-from geomesh.pipeline.start import grid_spacing, start_nodes
+from geomesh.pipeline.start import grid_spacing
 from geomesh.raster.open import open_scene
 from geomesh.raster.scene import Scene
 from geomesh.refine.parts import Part, divide
@@ -169,15 +170,12 @@ def started(scene: Scene, wanted: int, workers: Any) -> tuple[Part, float]:
     image = SceneGray(scene, scene_tone(scene, recipe, workers, silent), recipe.sobel)
     detection = detect_keypoints(image, recipe, workers, silent)
     nodes = place_nodes(detection, scene.grid, recipe)
-    pixels = nodes.domain.valid_pixels
-    spacing = grid_spacing(pixels, wanted)
-    nodes = start_nodes(nodes, scene.grid, spacing, recipe.min_angle, workers.local)
-    nodes, triangles = triangulate_nodes(nodes, scene.grid, detection.size, workers.local)
-    if scene.grid.flips:
-        triangles = triangles[:, [0, 2, 1]]
-    stays = np.zeros(len(nodes.points), bool)
-    part = start_part(nodes.points, triangles, nodes.segments, stays, len(scene.bands))
-    return part, block_size(pixels, wanted, spacing)
+    mesh = join_nodes(nodes, scene.grid, detection.size, recipe, workers.local)
+    triangles = mesh.triangles[:, [0, 2, 1]] if scene.grid.flips else mesh.triangles
+    stays = np.zeros(len(mesh.nodes), bool)
+    part = start_part(mesh.nodes, triangles, mesh.constraints, stays, len(scene.bands))
+    pixels = mesh.domain.valid_pixels
+    return part, block_size(pixels, wanted, grid_spacing(pixels, wanted))
 
 
 CORNERS = np.array([(3.2, 1.1), (8.9, 4.3), (4.6, 8.6)])
