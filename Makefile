@@ -38,7 +38,8 @@ $(BIN)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --upgrade pip
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[figures]'
 	@echo "Compiling, once ..."
-	@$(BIN)/python -c "import geomesh.pipeline.mesh_scene, geomesh.arrays.jit; \
+	@$(BIN)/python -c "import geomesh.pipeline.mesh_scene, geomesh.refine.rmse_plan; \
+		import geomesh.refine.bound_plan, geomesh.refine.shift, geomesh.arrays.jit; \
 		geomesh.arrays.jit.prepare_kernels(lambda: None)"
 	@touch $@
 
