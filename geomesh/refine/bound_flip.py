@@ -13,7 +13,7 @@ from geomesh.refine.shape import convex, corner_sharpness
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats
 
-# Share of the sum that a flip must save, so that equal diagonals are not flipped to and fro.
+# Share of the sum that a flip must save, so that equal diagonals are not flipped back and forth.
 _GAIN = 1e-6
 
 
