@@ -70,7 +70,11 @@ def describe(
     outcome : Outcome, optional
         If the mesh was refined.
     """
-    more = progress if outcome is None else part_of(progress, 0, 0.4)
+    values = None
+    if outcome is not None:
+        # Before the statistics, because both need much memory.
+        values = _surface_values(outcome, scene, recipe, workers, part_of(progress, 0, 0.3))
+    more = progress if outcome is None else part_of(progress, 0.3, 0.7)
     statistics, means = _measure(mesh, scene, recipe, workers, more)
     bands = scene.classes.bands
     node_columns: dict[str, NDArray[np.generic]] = columns.node_columns(statistics, bands)
@@ -78,15 +82,12 @@ def describe(
     if outcome is None:
         triangle_columns = columns.triangle_columns(statistics, bands, recipe.statistics)
     else:
-        is_linear = recipe.model == "linear"
-        values = np.ascontiguousarray(means.T)
-        if is_linear:
-            values = outcome.values
-            if goal_of(recipe) != "max_error":
-                # Exactly the best values; a bound holds only for those that refinement found.
-                surface = Surface(mesh.nodes, mesh.triangles, values, "linear")
-                values = fit_values(surface, scene, workers, part_of(progress, 0.4, 0.7))
-            values = _without_pixels(values, mesh, statistics)
+        is_linear = values is not None
+        values = (
+            np.ascontiguousarray(means.T)
+            if values is None
+            else _without_pixels(values, mesh, statistics)
+        )
         accuracy = measure_accuracy(
             mesh.nodes,
             mesh.triangles,
@@ -142,6 +143,19 @@ def _measure(
         return statistics, statistics.mean
     more = part_of(progress, 0.5, 1)
     return statistics, zonal.measure_scene(mesh.nodes, mesh.triangles, scene, workers, more).mean
+
+
+def _surface_values(
+    outcome: Outcome, scene: Scene, recipe: Recipe, workers: Workers, progress: Progress
+) -> Floats | None:
+    """Return the values (N, B) of a linear surface; None if triangles have one value each."""
+    if recipe.model != "linear":
+        return None
+    if goal_of(recipe) == "max_error":
+        return outcome.values  # the bound holds for these only
+    mesh = outcome.mesh
+    surface = Surface(mesh.nodes, mesh.triangles, outcome.values, "linear")
+    return fit_values(surface, scene, workers, progress)
 
 
 def _without_pixels(values: Floats, mesh: TriangleMesh, statistics: zonal.Statistics) -> Floats:

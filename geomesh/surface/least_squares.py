@@ -25,8 +25,11 @@ RIDGE = 0.01
 # Relative size of the residual at which the solver stops.
 _TOLERANCE = 1e-10
 
-# Where the entries of a triangle's 3 x 3 matrix are in a row of NormalEquations.gram.
-_FULL = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+# In a row of NormalEquations.gram: the diagonal of the triangle's 3 x 3 matrix, the entries above
+# it, and the two corners of each of these.
+_DIAGONAL = [0, 3, 5]
+_UPPER = [1, 2, 4]
+_SIDES = [0, 1, 0, 2, 1, 2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +103,24 @@ def solve(triangles: Triangles, equations: NormalEquations) -> Floats:
     number of steps does not grow with the mesh (Wathen 1987).
     """
     from scipy import sparse
-    from scipy.sparse.linalg import cg
+    from scipy.sparse.linalg import LinearOperator, cg
 
     count = len(equations.moments)
-    entries = (np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel())
-    gram = sparse.csr_array((equations.gram[:, _FULL].ravel(), entries), shape=(count, count))
-    matrix = gram + RIDGE * sparse.eye_array(count, format="csr")
-    scale = sparse.diags_array(1 / matrix.diagonal())
+    own = equations.gram[:, _DIAGONAL].ravel()
+    diagonal = np.bincount(triangles.ravel(), own, minlength=count) + RIDGE
+    # Only the upper half of the symmetric matrix: a third of the memory of all nine entries.
+    ends = np.sort(triangles[:, _SIDES].reshape(-1, 2), axis=1)
+    sides = equations.gram[:, _UPPER].ravel()
+    upper = sparse.csr_array((sides, (ends[:, 0], ends[:, 1])), shape=(count, count))
+    del ends, sides
+    lower = upper.T
+
+    def product(x: Floats) -> Floats:
+        result: Floats = diagonal * x + upper @ x + lower @ x
+        return result
+
+    matrix: Any = LinearOperator((count, count), matvec=product, dtype=np.float64)
+    scale = sparse.diags_array(1 / diagonal)
     corrections = np.zeros_like(equations.moments)
     for band, moments in enumerate(equations.moments.T):
         largest = np.abs(moments).max(initial=0)
