@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,9 @@ _LOSSY = ("jpeg", "webp", "lerc", "jxl")
 # Metadata of each band, in addition to its description: attributes of a rasterio dataset.
 _BAND_METADATA = ("colorinterp", "scales", "offsets", "units")
 _COLORS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
+
+# Bytes that are written after the end of a file and removed again.
+_PROBE = 4096
 
 # What is no longer so of scaled values.
 _OF_STORED_VALUES = ("scales", "offsets")
@@ -159,6 +163,20 @@ def create_like(
                 if tuple(values) != getattr(dataset, name):
                     setattr(dataset, name, values)
             yield dataset
+    _require_room(path)
+
+
+def _require_room(path: Path) -> None:
+    """Raise OSError if the disk is full.
+
+    GDAL only prints that the last bytes of a file could not be written when it is closed. If
+    a few more bytes fit now, they could be written.
+    """
+    with path.open("r+b") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.write(bytes(_PROBE))
+        file.flush()
+        file.truncate(size)
 
 
 @contextmanager
