@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import float64, inner, int64, kernel, void, writes
 from geomesh.refine.patch import PATCH, Patch
-from geomesh.refine.scan import by_rows, columns_of
+from geomesh.refine.scan import columns_of
+from geomesh.zonal.rasterize import sort_corners
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats, Points
@@ -46,7 +47,7 @@ def triangle_error(
 
     The first corner has the heights ``heights[a]``, the others those in `values`.
     """
-    corners = by_rows(ax, ay, bx, by, cx, cy)
+    corners = sort_corners(ax, ay, bx, by, cx, cy)
     ux, uy, wx, wy = bx - ax, by - ay, cx - ax, cy - ay
     d = ux * wy - uy * wx
     first_row, stop_row = math.ceil(corners[1]), math.ceil(corners[5])
@@ -152,7 +153,7 @@ def heights_of(
             fb, fc = values[b, band] - base, values[c, band] - base
             gx, gy = (fb * wy - fc * uy) / d, (fc * ux - fb * wx) / d
             start = base - gx * x - gy * y
-            corners = by_rows(x, y, bx, by, cx, cy)
+            corners = sort_corners(x, y, bx, by, cx, cy)
             for row in range(math.ceil(corners[1]), math.ceil(corners[5])):
                 first, stop = columns_of(corners, row)
                 height, weight_row = start + gy * row, weight_0 + weight_y * row

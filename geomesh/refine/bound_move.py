@@ -14,9 +14,10 @@ import numpy as np
 from geomesh.arrays.jit import float64, inner, int64, kernel, reads, writes
 from geomesh.refine.bound import BOUND, triangle_error
 from geomesh.refine.patch import FREE, PATCH, SHARED, Patch
-from geomesh.refine.scan import by_rows, columns_of
+from geomesh.refine.scan import columns_of
 from geomesh.refine.shape import on_lattice
 from geomesh.refine.star import FARTHEST, STAR, Star, around, freedom, star_sharpness
+from geomesh.zonal.rasterize import sort_corners
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Floats, Points
@@ -144,7 +145,7 @@ def gather(
         d = ux * wy - uy * wx
         weight_x, weight_y = (uy - wy) / d, (wx - ux) / d
         weight_0 = 1 - weight_x * x - weight_y * y
-        corners = by_rows(x, y, bx, by, cx, cy)
+        corners = sort_corners(x, y, bx, by, cx, cy)
         for band in range(image.shape[0]):
             start = heights[a, band]
             fb, fc = values[b, band] - start, values[c, band] - start

@@ -1,7 +1,8 @@
 """Which pixels a triangle owns: every pixel belongs to one triangle, whatever is changed.
 
 The corners are on the lattice of 1/256 pixel, so the columns at which a side crosses the rows are
-the same for the two triangles at the side.
+the same for the two triangles at the side. The rule is that of `geomesh.zonal.rasterize`, with
+coordinates relative to pixel centres.
 """
 
 from __future__ import annotations
@@ -10,30 +11,17 @@ import math
 from typing import TYPE_CHECKING
 
 from geomesh.arrays.jit import inner
+from geomesh.zonal.rasterize import Corners, sort_corners
 
 if TYPE_CHECKING:
     from geomesh.arrays.types import Counts, Points
-
-Corners = tuple[float, float, float, float, float, float]
-
-
-@inner
-def by_rows(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> Corners:
-    """Return the corners of a triangle sorted by y."""
-    if ay > by:
-        ax, ay, bx, by = bx, by, ax, ay
-    if by > cy:
-        bx, by, cx, cy = cx, cy, bx, by
-        if ay > by:
-            ax, ay, bx, by = bx, by, ax, ay
-    return ax, ay, bx, by, cx, cy
 
 
 @inner
 def rows_of(triangles: Counts, p: Points, t: int) -> Corners:
     """Return the corners of triangle `t` sorted by y."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-    return by_rows(p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1])
+    return sort_corners(p[a, 0], p[a, 1], p[b, 0], p[b, 1], p[c, 0], p[c, 1])
 
 
 @inner
