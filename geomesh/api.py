@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.progress import Progress, reporting
 from geomesh.raster.open import Source, open_scene
-from geomesh.recipe import Recipe
+from geomesh.recipe import DEFAULT_PRESET, Recipe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -177,7 +177,7 @@ class Mesh(TriangleMesh):
 def mesh_raster(
     source: Source,
     *,
-    preset: str = "features",
+    preset: str = DEFAULT_PRESET,
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,
@@ -317,7 +317,7 @@ def read_mesh(path: str | PathLike[str]) -> Mesh:
 def stages(
     source: Source,
     *,
-    preset: str = "features",
+    preset: str = DEFAULT_PRESET,
     recipe: Recipe | None = None,
     bidx: Sequence[int] | None = None,
     nodata: float | None = None,

@@ -268,6 +268,8 @@ def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
         raise RecipeError(f"{name} is {value!r}: choose from {', '.join(choices)}")
 
 
+DEFAULT_PRESET = "adaptive"
+
 PRESETS: Mapping[str, Recipe] = {
     # Exactly the published system. Where the paper gives no value (thresholds,
     # interpolation), this uses the defaults of OpenCV and the usual methods.

@@ -14,7 +14,7 @@ import click
 from geomesh.errors import BandError, RecipeError
 from geomesh.formats.registry import DRIVERS
 from geomesh.parameters import ALPHA, DOMAINS, EFFORTS, LAYERS, MODELS
-from geomesh.recipe import PRESETS, Recipe
+from geomesh.recipe import DEFAULT_PRESET, PRESETS, Recipe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -141,7 +141,7 @@ def _decorated(command: Callable[..., None]) -> Callable[..., None]:
             click.option(
                 "--preset",
                 type=click.Choice(list(PRESETS)),
-                default="features",
+                default=DEFAULT_PRESET,
                 show_default=True,
                 help="adaptive: the nodes that show the raster best, over the valid area. "
                 "features: nodes at the features of the image. "

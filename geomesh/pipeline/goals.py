@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from geomesh.mesh.topology import boundary_edges
 from geomesh.parallel.progress import part_of
+from geomesh.pipeline.budget import note_on_refined
 from geomesh.refine.settings import Settings
 from geomesh.refine.units import bound_units
 from geomesh.surface.record import limits_of
@@ -90,24 +92,13 @@ def reach_goal(
             result = Result(refined, "" if reached else note, reached)
         else:
             refined = refine_to_nodes(crew, settings, start, wanted, progress)
-            note = _note_on_number(len(refined.nodes), most)
+            inner = len(refined.constraints) > len(boundary_edges(refined.triangles))
+            note = note_on_refined(len(refined.nodes), most, recipe, has_breaklines=inner)
             result = Result(refined, note, not note)
     if result.refined.in_time:
         return result
     note = f"the time was over before refinement was: {len(result.refined.nodes)} nodes"
     return replace(result, note=note, reached=False)
-
-
-def _note_on_number(count: int, budget: int) -> str:
-    """Return why a mesh has another number of nodes than wanted."""
-    if count > budget:
-        return f"the outline alone needs {count} nodes, more than the {budget} requested"
-    if count < budget:
-        return (
-            f"{count} of the {budget} requested nodes: no more fit where the surface differs from "
-            "the raster"
-        )
-    return ""
 
 
 def _reach_bound(

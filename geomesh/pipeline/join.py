@@ -9,13 +9,14 @@ import numpy as np
 
 from geomesh.delaunay.triangulate import constrained_delaunay, delaunay
 from geomesh.mesh.triangle_mesh import TriangleMesh
-from geomesh.pipeline.nodes import NodeSet, wanted_nodes
+from geomesh.pipeline.budget import wanted_nodes
 from geomesh.pipeline.start import grid_spacing, start_nodes
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from geomesh.arrays.types import Triangles
+    from geomesh.pipeline.nodes import NodeSet
     from geomesh.raster.grid import Grid
     from geomesh.recipe import Recipe
 

@@ -18,6 +18,7 @@ from geomesh.features.detect import SEAM, Detection
 from geomesh.features.sift import Keypoints, spread_evenly, thin
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.pipeline.breaklines import away_from, divide_chains, fit_breaklines
+from geomesh.pipeline.budget import notes_on_features, wanted_nodes
 from geomesh.raster.grid import Grid, snap
 
 if TYPE_CHECKING:
@@ -32,16 +33,10 @@ if TYPE_CHECKING:
 _NEAREST = 4
 _SPACING_SAMPLE = 20_000
 
-# With fewer keypoints per pixel than this, a mesh shows almost nothing of the image.
-_FEW = 1e-4
-
 # Shares of the wanted nodes that features take at the start of refinement: if they can move
 # later, and if they are kept.
 _SHARE_OF_FEATURES = 0.1
 _SHARE_KEPT = 0.5
-
-# Nodes for which a start is chosen if the goal is an error: a share of the pixels.
-_USUAL_SHARE = 0.01
 
 Loops = list[NDArray[np.float64]]
 
@@ -126,16 +121,12 @@ def place_nodes(
     facts = replace(facts, area=sum(map(loop_area, border)))
     pieces = divide_chains(laid.chains, border, spacing, inner)
     taken = len(_unite(np.concatenate([*border, *pieces]))[0])
-    if facts.kind == recipe.domain:
-        notes += _notes_on_number(len(features), taken, recipe, facts, thinned, len(pieces) > 0)
+    if facts.kind == recipe.domain and not recipe.refine:  # refinement has notes of its own
+        notes += notes_on_features(
+            *(len(features), taken, recipe, facts), thinned=thinned, has_breaklines=len(pieces) > 0
+        )
     chosen = _strongest(features, recipe, facts, taken=taken)
     return replace(_join(chosen, border, facts, pieces), notes=tuple(notes), breaklines=lines)
-
-
-def wanted_nodes(recipe: Recipe, valid_pixels: int) -> int:
-    """Return the number of nodes for which the start of refinement is chosen."""
-    budget = recipe.node_budget(valid_pixels)
-    return min(budget or max(round(_USUAL_SHARE * valid_pixels), 1), valid_pixels)
 
 
 def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
@@ -146,40 +137,6 @@ def _notes_on_domain(facts: DomainFacts, recipe: Recipe) -> list[str]:
         changes.append(f"{facts.islands_dropped} islands of data were dropped")
     small = f"smaller than {recipe.min_hole} pixels (min_hole)"
     return [f"{' and '.join(changes)}, each {small}"] if changes else []
-
-
-def _notes_on_number(
-    features: int,
-    border: int,
-    recipe: Recipe,
-    facts: DomainFacts,
-    thinned: int,
-    has_breaklines: bool,
-) -> list[str]:
-    if recipe.refine:
-        return []  # refinement says how many nodes there are
-    budget = recipe.node_budget(facts.valid_pixels)
-    if budget is not None and border > budget:
-        what = "outline and breaklines need" if has_breaklines else "outline alone needs"
-        return [f"the {what} {border} nodes, more than the {budget} requested"]
-    if features == 0:
-        text = "no keypoints found (the image may be constant): the mesh is the outline only"
-        return [text if recipe.sobel else f"{text}; if it is not, `sobel=True` gives more"]
-    is_smooth = features < _FEW * facts.valid_pixels
-    ways = ["`sobel=True`"]
-    if recipe.sobel or not is_smooth:
-        ways = ["`edge_distance=None`"] * (recipe.edge_distance is not None)
-        ways += ["`min_spacing=1`"] * (recipe.min_spacing > 1 and thinned > 0)
-    more = f"; {' or '.join(ways)} gives more" if ways else ""
-    if budget is not None and features + border < budget:
-        return [
-            f"{features + border} of the {budget} requested nodes: the image has no more keypoints "
-            f"on edges{more}"
-        ]
-    if is_smooth:
-        smooth = f"only {features} keypoints in {facts.valid_pixels} pixels: the image is smooth"
-        return [f"{smooth}{more}"]
-    return []
 
 
 def _features(detection: Detection, grid: Grid, recipe: Recipe) -> Keypoints:

@@ -14,9 +14,10 @@ from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import boundary_edges, edge_keys
 from geomesh.parallel.progress import part_of
 from geomesh.pipeline.attributes import describe
+from geomesh.pipeline.budget import wanted_nodes
 from geomesh.pipeline.join import triangulate_nodes
 from geomesh.pipeline.mesh_scene import source_of, tone_of, versions
-from geomesh.pipeline.nodes import NodeSet, wanted_nodes
+from geomesh.pipeline.nodes import NodeSet
 from geomesh.pipeline.refine_scene import refine_scene
 from geomesh.pipeline.start import grid_spacing, start_nodes
 from geomesh.raster.areas import signed_areas

@@ -9,8 +9,8 @@ import numpy as np
 
 from geomesh.arrays.table import Table
 from geomesh.mesh.topology import boundary_edges
+from geomesh.pipeline.budget import refined_budget, wanted_nodes
 from geomesh.pipeline.goals import reach_goal
-from geomesh.pipeline.nodes import wanted_nodes
 from geomesh.pipeline.start import grid_spacing
 from geomesh.refine.passes import Crew
 from geomesh.refine.refined import start_part
@@ -89,11 +89,12 @@ def refine_scene(
     triangles = mesh.triangles[:, [0, 2, 1]] if flips else mesh.triangles
     stays = (mesh.node_table["kind"] == "feature") & recipe.keep_features
     start = start_part(mesh.nodes, triangles, mesh.constraints, stays, len(scene.bands))
-    budget = recipe.node_budget(mesh.domain.valid_pixels)
     pixels = mesh.domain.valid_pixels
-    wanted = wanted_nodes(recipe, pixels)
-    size = block_size(pixels, wanted, grid_spacing(pixels, wanted))
+    planned = wanted_nodes(recipe, pixels)
+    size = block_size(pixels, planned, grid_spacing(pixels, planned))
     crew = Crew(scene, even_units(*overview), workers, size, is_late)
+    budget = refined_budget(recipe, pixels, len(np.unique(mesh.constraints)))
+    wanted = planned if budget is None else min(budget, pixels)
     result = reach_goal(start, crew, recipe, wanted, budget or pixels, progress)
     refined = result.refined
     triangles = refined.triangles[:, [0, 2, 1]] if flips else refined.triangles

@@ -32,7 +32,7 @@ PRESETS = {
 }
 
 # The preset that the dialogs start with. Models and scripts know presets by their place above.
-DEFAULT_PRESET = "features"
+DEFAULT_PRESET = "adaptive"
 
 _FOLDER = Path(__file__).parents[1]
 
