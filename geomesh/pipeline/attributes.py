@@ -11,6 +11,7 @@ import numpy as np
 from geomesh.arrays.table import Table
 from geomesh.mesh.colors import format_colors
 from geomesh.mesh.provenance import PixelCounts
+from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.surface import columns as surface_columns
 from geomesh.surface.accuracy import measure_accuracy
@@ -74,8 +75,10 @@ def describe(
     if outcome is not None:
         # Before the statistics, because both need much memory.
         values = _surface_values(outcome, scene, recipe, workers, part_of(progress, 0, 0.3))
+        trim_memory()
     more = progress if outcome is None else part_of(progress, 0.3, 0.7)
     statistics, means = _measure(mesh, scene, recipe, workers, more)
+    trim_memory()
     bands = scene.classes.bands
     node_columns: dict[str, NDArray[np.generic]] = columns.node_columns(statistics, bands)
     refinement = None

@@ -10,7 +10,6 @@ import shapely
 from geomesh.domain.breaklines import GAP, Laid, lay_breaklines, without_crossings
 from geomesh.domain.loops import subdivide
 from geomesh.errors import RecipeError, SourceError
-from geomesh.features.chains import choose_chains, follow_chains
 from geomesh.mesh.provenance import BreaklineFacts
 from geomesh.raster.grid import snap
 from geomesh.raster.lines import PixelLines, read_lines
@@ -97,6 +96,9 @@ def fit_breaklines(
 
 def _canny_lines(detection: Detection, budget: int | None) -> NDArray[Any]:
     """Return the strongest of the long Canny edges, as many as their share of the nodes allows."""
+    # Imported here: other breaklines do not need this kernel, which has to be compiled.
+    from geomesh.features.chains import choose_chains, follow_chains
+
     assert detection.edges is not None
     chains = follow_chains(detection.edges, detection.size[0])
     if not chains:

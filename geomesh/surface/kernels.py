@@ -1,4 +1,4 @@
-"""Compiled loops of `geomesh.surface`: paint a surface at pixel centres, fit and measure it."""
+"""Compiled loops that fit a surface to pixels, and measure how far it is from them."""
 
 from __future__ import annotations
 
@@ -30,30 +30,6 @@ def barycentric(weights: Weights, row: int, col: int) -> tuple[float, float]:
     ax, ay, bx, by, cx, cy = weights
     x, y = col + 0.5 - ax, row + 0.5 - ay
     return x * bx + y * by, x * cx + y * cy
-
-
-@kernel(
-    void(reads(float64, 2), reads(int32, 2), reads(float64, 2), int64, int64, writes(float64, 3))
-)
-def paint_linear(
-    nodes: Points, triangles: Triangles, values: Floats, row: int, col: int, image: Floats
-) -> None:
-    """Fill `image` (B, h, w), whose first pixel is (row, col), from node values (N, B)."""
-    count, height, width = image.shape
-    for t in range(len(triangles)):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        one = nodes[a, 0], nodes[a, 1], nodes[b, 0], nodes[b, 1], nodes[c, 0], nodes[c, 1]
-        corners, weights = sort_corners(*one), barycentric_matrix(*one)
-        top, bottom = row_range(corners, row, row + height)
-        for r in range(top, bottom):
-            first, last = column_range(corners, r, col, col + width)
-            for k in range(first, last):
-                u, v = barycentric(weights, r, k)
-                for band in range(count):
-                    start = values[a, band]
-                    image[band, r - row, k - col] = (
-                        start + u * (values[b, band] - start) + v * (values[c, band] - start)
-                    )
 
 
 @kernel(
@@ -145,7 +121,7 @@ def measure_errors(
     """Measure how far the valid pixels of each triangle are from the surface of one band.
 
     The first pixel of `band` and `valid` (h, w) is (row, col). The surface is the one that
-    `paint_linear` paints. A pixel at which it is not finite has an infinite error.
+    `geomesh.surface.paint_kernel` paints. A pixel at which it is not finite has an infinite error.
 
     Parameters
     ----------

@@ -18,8 +18,6 @@ import numpy as np
 from geomesh.arrays.jit import contiguous
 from geomesh.parameters import MODELS, Model
 from geomesh.raster.nodata import is_nodata, stored_range
-from geomesh.surface.kernels import paint_linear
-from geomesh.zonal.owners import find_owners
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,12 +62,17 @@ def reconstruct(
     rows = len(nodes) if model == "linear" else len(triangles)
     if values.ndim != 2 or len(values) != rows:
         raise ValueError(f"values {values.shape} of a {model} model: expected ({rows}, bands)")
+    # Imported here: to make a mesh, these kernels need not be compiled.
     if model == "constant":
+        from geomesh.zonal.owners import find_owners
+
         # A pixel without an owner has the id FILL, which is -1: it gets the last row, NaN.
         padded = np.vstack([values, np.full(values.shape[1], np.nan)])
         return np.ascontiguousarray(
             np.moveaxis(padded[find_owners(nodes, triangles, window)], -1, 0)
         )
+    from geomesh.surface.paint_kernel import paint_linear
+
     image = np.full((values.shape[1], *window.shape), np.nan)
     paint_linear(
         contiguous(nodes, np.float64),
