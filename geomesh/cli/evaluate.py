@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console, spell
-from geomesh.cli.options import alpha_option, nodata_option, numbers, output_options
+from geomesh.cli.options import output_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.reading_options import alpha_option, nodata_option, numbers
 from geomesh.cli.streams import echo
 from geomesh.errors import EmptyError
 

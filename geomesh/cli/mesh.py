@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from geomesh.cli.console import Console, exit_code, guarded, interruptible, open_console, spell
-from geomesh.cli.options import build_recipe, layer_options, output_options, raster_options, words
+from geomesh.cli.options import layer_options, output_options, raster_options, words
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.recipe_options import build_recipe
 from geomesh.cli.streams import echo, printable
 from geomesh.errors import OutputError
 from geomesh.formats.registry import EXTENSIONS, find_format

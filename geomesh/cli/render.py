@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console
-from geomesh.cli.options import numbers, output_options
+from geomesh.cli.options import output_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.reading_options import numbers
 from geomesh.cli.streams import echo, printable
 from geomesh.parameters import ALPHA, Alpha
 

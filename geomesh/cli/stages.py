@@ -10,8 +10,9 @@ from typing import Any
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console
-from geomesh.cli.options import build_recipe, output_options, raster_options
+from geomesh.cli.options import output_options, raster_options
 from geomesh.cli.outputs import protect_inputs
+from geomesh.cli.recipe_options import build_recipe
 from geomesh.cli.streams import echo
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from pathlib import Path
 
@@ -12,24 +11,10 @@ from qgis.core import (
     QgsProcessingFeedback,
     QgsProcessingOutputNumber,
     QgsProcessingOutputVectorLayer,
-    QgsProcessingParameterBand,
-    QgsProcessingParameterBoolean,
-    QgsProcessingParameterEnum,
-    QgsProcessingParameterExtent,
-    QgsProcessingParameterFeatureSource,
-    QgsProcessingParameterFileDestination,
-    QgsProcessingParameterNumber,
-    QgsProcessingParameterRasterLayer,
-    QgsProcessingParameterVectorDestination,
 )
 
 from ..files import is_geopackage, is_same_file, layer_files
-from ..inputs import (
-    export_breaklines,
-    export_shapes,
-    find_raster_fault,
-    raster_options,
-)
+from ..inputs import find_raster_fault, raster_options
 from ..provenance import read_document
 from ..results import (
     LAYERS,
@@ -40,43 +25,12 @@ from ..results import (
     open_triangles,
 )
 from ..surface import find_channels
-from .base import PRESETS, RasterAlgorithm, preset_parameter
-from .recipe_parameters import find_recipe_fault, recipe_options, recipe_parameters
+from .base import PRESETS, RasterAlgorithm
+from .mesh_parameters import DOMAINS, mesh_options, mesh_parameters
+from .recipe_parameters import find_recipe_fault
 from .refinement_faults import Around, find_refinement_fault
-from .refinement_parameters import (
-    TIPS,
-    advanced_parameters,
-    breakline_parameters,
-    goal_parameters,
-    read_wanted,
-    refinement_options,
-)
+from .refinement_parameters import read_wanted
 from .values import find_number_fault, is_given
-
-_TIPS = {
-    "BANDS": "Bands to use and to measure. If you choose none: all bands except alpha",
-    "MIN_SPACING": (
-        "If two features are closer than this, only the stronger one is kept. If not set: the "
-        "preset's value"
-    ),
-    "DOMAIN": "If not set: the preset's choice",
-    "EXTENT": "The part of the raster to mesh. If not set: the whole raster",
-    "MASK": "Polygons. Pixels outside are ignored",
-    "LAYERS": "The GeoPackage always contains all layers",
-    "NODATA": "Used instead of the raster's own nodata value",
-    "ALPHA_DATA": (
-        "For rasters in which a band of data is tagged as alpha. Then neither such a band nor a "
-        "mask hides pixels"
-    ),
-    "UNSCALE": "Measures the values that QGIS shows, instead of the values in the file",
-    "MESH": (
-        "The same mesh as a native QGIS mesh layer, in a UGRID file. It shows a linear surface "
-        "smoothly"
-    ),
-    **TIPS,
-}
-
-DOMAINS = ("valid", "image", "hull")
 
 
 class RasterToMesh(RasterAlgorithm):
@@ -114,52 +68,7 @@ The other presets keep the strongest features, spread evenly.<br/>
 
     def initAlgorithm(self, config: dict | None = None) -> None:
         """Define the parameters and the outputs."""
-        real = QgsProcessingParameterNumber.Type.Double
-        nodata = QgsProcessingParameterNumber("NODATA", "Nodata value", real, None, True)
-        advanced = QgsProcessingParameterNumber.Flag.FlagAdvanced
-        alpha = QgsProcessingParameterBoolean("ALPHA_DATA", "Use alpha bands as data", False)
-        unscale = QgsProcessingParameterBoolean("UNSCALE", "Apply scale and offset", False)
-        for parameter in (nodata, alpha, unscale):
-            parameter.setFlags(parameter.flags() | advanced)
-        for parameter in (
-            QgsProcessingParameterRasterLayer("INPUT", "Raster"),
-            preset_parameter(),
-            *goal_parameters(),
-            QgsProcessingParameterBand("BANDS", "Bands", None, "INPUT", True, True),
-            QgsProcessingParameterNumber(
-                "MIN_SPACING", "Minimum distance between nodes (pixels)", real, None, True, 0
-            ),
-            QgsProcessingParameterEnum(
-                "DOMAIN",
-                "Area to cover",
-                ["the valid data", "the whole image", "the convex hull of the keypoints"],
-                False,
-                None,
-                True,
-            ),
-            QgsProcessingParameterExtent("EXTENT", "Extent", None, True),
-            QgsProcessingParameterFeatureSource(
-                "MASK",
-                "Mask",
-                [QgsProcessing.SourceType.TypeVectorPolygon],
-                None,
-                True,
-            ),
-            *breakline_parameters(),
-            QgsProcessingParameterEnum(
-                "LAYERS", "Layers to load", list(LAYERS), True, [0, 2], False
-            ),
-            *(nodata, alpha, unscale),
-            *advanced_parameters(),
-            *recipe_parameters(),
-            QgsProcessingParameterVectorDestination(
-                "OUTPUT", "Triangles", QgsProcessing.SourceType.TypeVectorPolygon
-            ),
-            QgsProcessingParameterFileDestination(
-                "MESH", "Mesh layer", "UGRID mesh (*.nc)", None, True, False
-            ),
-        ):
-            parameter.setHelp(_TIPS.get(parameter.name(), parameter.help()))
+        for parameter in mesh_parameters():
             self.addParameter(parameter)
         points = QgsProcessing.SourceType.TypeVectorPoint
         lines = QgsProcessing.SourceType.TypeVectorLine
@@ -243,7 +152,7 @@ The other presets keep the strongest features, spread evenly.<br/>
         with tempfile.TemporaryDirectory(prefix="geomesh-") as name:
             folder = Path(name)
             stored = output if whole else str(folder / "mesh.gpkg")
-            options = self._options(parameters, context, folder, feedback)
+            options = mesh_options(self, parameters, context, folder, feedback)
             source = raster_options(self.raster, folder, feedback)
             share = 1 - 0.1 * (not whole) - 0.1 * bool(mesh_layer)
             figures = self.run_geomesh(["mesh", *options, *source], feedback, stored, (0, share))
@@ -284,35 +193,3 @@ The other presets keep the strongest features, spread evenly.<br/>
         if mesh_layer:
             results["MESH"] = mesh_layer
         return results
-
-    def _options(
-        self,
-        parameters: dict,
-        context: QgsProcessingContext,
-        folder: Path,
-        feedback: QgsProcessingFeedback,
-    ) -> list[str]:
-        options = ["--preset", list(PRESETS)[self.parameterAsEnum(parameters, "PRESET", context)]]
-        bands = self.parameterAsInts(parameters, "BANDS", context)
-        if bands:
-            options += ["--bidx", ",".join(map(str, bands))]
-        options += refinement_options(read_wanted(self, parameters, context))
-        if is_given(parameters, "MIN_SPACING", context):
-            value = self.parameterAsDouble(parameters, "MIN_SPACING", context)
-            options += ["--set", f"min_spacing={json.dumps(value)}"]
-        if is_given(parameters, "DOMAIN", context):
-            options += ["--domain", DOMAINS[self.parameterAsEnum(parameters, "DOMAIN", context)]]
-        if is_given(parameters, "NODATA", context):
-            options += ["--nodata", repr(self.parameterAsDouble(parameters, "NODATA", context))]
-        if self.parameterAsBool(parameters, "ALPHA_DATA", context):
-            options += ["--alpha", "data"]
-        if self.parameterAsBool(parameters, "UNSCALE", context):
-            options += ["--unscale"]
-        options += self.extent_options(parameters, context)
-        mask = self.parameterAsSource(parameters, "MASK", context)
-        if mask is not None:
-            options += ["--mask", export_shapes(mask, folder / "mask.gpkg", feedback)]
-        lines = self.parameterAsSource(parameters, "BREAKLINES", context)
-        if lines is not None:
-            options += ["--breaklines", export_breaklines(lines, folder, feedback)]
-        return options + recipe_options(self, parameters, context)
