@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from typing import TYPE_CHECKING
-from typing import TYPE_CHECKING
 
 from qgis.core import (
     QgsProcessing,
