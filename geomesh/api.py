@@ -96,7 +96,7 @@ class Mesh(TriangleMesh):
         source : path, rasterio dataset, xarray.DataArray, or (array, transform, crs)
             The raster from which the mesh was made, or another one with the same pixels.
         nodes, max_error, rmse
-            The goal, as for the preset "adaptive" of `mesh_raster`. Default: nodes="1%".
+            The goal, as for the preset "adaptive" of `mesh_raster`, with the same default.
         min_angle, model, effort, keep_features
             As in the recipe: see `Recipe`.
         alpha, crs, time_limit, workers, executor, progress
@@ -201,11 +201,14 @@ def mesh_raster(
     Parameters
     ----------
     source : str, PathLike, rasterio dataset, xarray.DataArray, or (array, transform, crs)
-    preset : {"features", "adaptive", "paper"}
-        "features": nodes at the image's own resolution, over the whole valid area.
-        "adaptive": then nodes are moved, added and removed to reach a goal: ``nodes=`` a number
-        or a share of the pixels (default 1 %), ``max_error=`` a bound on the error at every
-        valid pixel, or ``rmse=`` a root mean square error. See docs/presets.md.
+    preset : {"adaptive", "features", "paper"}
+        "adaptive", the default: nodes are moved, added and removed until the mesh shows the
+        raster as well as its goal says: ``nodes=`` a number or a share of the valid pixels,
+        ``max_error=`` a bound on the error at every valid pixel, or ``rmse=`` a root mean square
+        error. Without a goal: 1 % of the valid pixels, at least twice the nodes of outline and
+        breaklines. See docs/presets.md.
+        "features": the nodes are SIFT keypoints on Canny edges, at the image's own resolution;
+        all of them, or the ``nodes=`` strongest.
         "paper": exactly the published system, at 256 x 256 pixels.
     recipe : Recipe, optional
         Used instead of the preset.
@@ -345,7 +348,8 @@ def stages(
     Returns
     -------
     Stages
-        The gray image, the Canny edges and the mesh. ``plot()`` draws them next to each other.
+        The gray image, the Canny edges, the keypoints and the mesh. ``plot()`` draws them next
+        to each other.
 
     Examples
     --------

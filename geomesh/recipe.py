@@ -31,8 +31,9 @@ _OF_REFINEMENT = ("max_error", "rmse", "min_angle", "model", "effort", "keep_fea
 class Recipe:
     """The parameters that decide how a raster becomes a mesh.
 
-    The defaults are the `features` preset. Every output contains its recipe, so the same
-    mesh can be made again: ``Recipe.from_json(document)``.
+    A recipe without arguments is the preset "features". The default preset of `mesh_raster`
+    and of the command is another one: ``Recipe.from_preset("adaptive")``. Every output contains
+    its recipe, so the same mesh can be made again: ``Recipe.from_json(document)``.
 
     Parameters
     ----------
@@ -79,9 +80,11 @@ class Recipe:
         Smallest distance between feature nodes, in pixels. The strongest node is kept.
     nodes : int, str or None
         Node budget: a number, or a percentage of the valid pixels such as "1%".
-        The strongest features are kept, spread evenly over the image. None: all.
-        With `refine`: the number of nodes that the mesh gets. None: "1%", or as many as
-        `max_error` or `rmse` needs; together with one of these, `nodes` is a limit.
+        With `refine`: the number of nodes that the mesh gets. None: 1 % of the valid pixels, at
+        least twice the nodes of outline and breaklines; or as many as `max_error` or `rmse`
+        needs. Together with one of these, `nodes` is a limit.
+        Without `refine`: the strongest features are kept, spread evenly over the image. None:
+        all.
     domain : {"valid", "image", "hull"}
         Area of the mesh: the valid data, the whole frame, or the convex hull of the
         keypoints.
@@ -271,6 +274,8 @@ def _require_one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
 DEFAULT_PRESET = "adaptive"
 
 PRESETS: Mapping[str, Recipe] = {
+    "adaptive": Recipe(preset="adaptive", refine=True),
+    "features": Recipe(),
     # Exactly the published system. Where the paper gives no value (thresholds,
     # interpolation), this uses the defaults of OpenCV and the usual methods.
     "paper": Recipe(
@@ -288,6 +293,4 @@ PRESETS: Mapping[str, Recipe] = {
         min_spacing=0.0,
         domain="hull",
     ),
-    "features": Recipe(),
-    "adaptive": Recipe(preset="adaptive", refine=True),
 }

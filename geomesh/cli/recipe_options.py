@@ -59,9 +59,9 @@ GOAL_OPTIONS = (
         type=click.Choice(list(PRESETS)),
         default=DEFAULT_PRESET,
         show_default=True,
-        help="adaptive: the nodes that show the raster best, over the valid area. "
-        "features: nodes at the features of the image. "
-        "paper: exactly the published system, at 256 x 256 pixels.",
+        help="adaptive: the nodes that show the raster best. features: nodes at the features of "
+        "the image. Both cover the valid area. paper: exactly the published system, at 256 x 256 "
+        "pixels.",
     ),
     click.option(
         "--recipe",
@@ -75,7 +75,8 @@ GOAL_OPTIONS = (
         callback=_budget,
         metavar="N|P%",
         help="Node budget: a number, or a percentage of the valid pixels, such as 1%. "
-        "Default of adaptive: 1%.",
+        "Default of adaptive: 1%, at least twice the nodes of outline and breaklines. Default of "
+        "the others: all features.",
     ),
     click.option(
         "--max-error",

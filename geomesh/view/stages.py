@@ -9,13 +9,14 @@ import numpy as np
 
 from geomesh.errors import extra_required
 from geomesh.features.canny import canny_edges, canny_thresholds
-from geomesh.features.detect import shrink
+from geomesh.features.detect import detect_keypoints, shrink
 from geomesh.features.gray_image import ArrayGray, GrayImage, SceneGray
 from geomesh.io.picture import save_picture
 from geomesh.mesh.colors import brightened
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.workers import open_workers
 from geomesh.pipeline.mesh_scene import mesh_scene, scene_tone
+from geomesh.pipeline.nodes import place_nodes
 from geomesh.raster.crop import middle
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Gray
+    from geomesh.arrays.types import Gray, Points
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
@@ -46,15 +47,19 @@ class Stages:
     edges : bool (h, w)
         Stage 2: the Canny edges.
     mesh : TriangleMesh
-        Stage 3 (its feature nodes) and stage 4.
+        Stage 4.
     image : uint8 (H, W, 3)
         The source in display colours; pixels that are not valid are white.
+    keypoints : float64 (k, 2)
+        Stage 3: the keypoints that are nodes, in the plane that the pipeline worked on. Of a
+        refined mesh: those with which refinement starts.
     """
 
     gray: Gray
     edges: NDArray[np.bool_]
     mesh: TriangleMesh
     image: NDArray[np.uint8]
+    keypoints: Points
 
     def plot(self, title: str | None = None, *, path: str | PathLike[str] | None = None) -> Figure:
         """Draw the four stages side by side: see `draw_stages`.
@@ -90,11 +95,16 @@ def run_stages(scene: Scene, recipe: Recipe, progress: Progress) -> Stages:
         gray, _ = plain.read(plain.extent)
         seen, valid = worked.read(worked.extent)
         edges = canny_edges(seen, canny_thresholds(ArrayGray.whole(seen, valid), recipe), valid)
+        keypoints = mesh.plane_nodes[mesh.node_table["kind"] == "feature"]
+        if recipe.refine:
+            detection = detect_keypoints(worked, recipe, workers, part_of(progress, 0.85, 1))
+            start = place_nodes(detection, scene.grid, recipe)
+            keypoints = start.points[start.table["kind"] == "feature"]
         bands, valid = scene.read(extent)
     levels = tone.display(bands)[list(scene.display)]
     image = np.moveaxis(levels, 0, -1).copy()
     image[~valid] = 255
-    return Stages(gray, edges, mesh, image)
+    return Stages(gray, edges, mesh, image, keypoints)
 
 
 def draw_stages(stages: Stages, title: str | None = None) -> Figure:
@@ -109,21 +119,20 @@ def draw_stages(stages: Stages, title: str | None = None) -> Figure:
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
     axes = figure.subplots(rows, columns).ravel()
     mesh = stages.mesh
-    features = mesh.plane_nodes[mesh.node_table["kind"] == "feature"]
     gray = {"cmap": "gray", "vmin": 0, "vmax": 255, "extent": (0, width, height, 0)}
     axes[0].imshow(stages.gray, **gray)
     axes[1].imshow(np.where(stages.edges, 0, 255), interpolation="nearest", **gray)
     axes[2].imshow(128 + stages.gray // 2, **gray)
-    axes[2].scatter(
-        *features.T, s=_marker_size(len(features)), c=_NODE_COLOR, edgecolors=_INK, linewidths=0.3
-    )
+    marker = _marker_size(len(stages.keypoints))
+    axes[2].scatter(*stages.keypoints.T, s=marker, c=_NODE_COLOR, edgecolors=_INK, linewidths=0.3)
     axes[3].imshow(brightened(stages.image), extent=(0, width, height, 0))
     _draw_edges(axes[3], mesh.plane_nodes, mesh.edges.nodes)
+    is_refined = mesh.provenance is not None and mesh.provenance.refinement is not None
     labels = (
         f"Grayscale, {width} × {height} pixels",
         "Canny edges",
-        f"{len(features):,} SIFT keypoints",
-        f"Delaunay mesh, {len(mesh.triangles):,} triangles",
+        f"{len(stages.keypoints):,} SIFT keypoints" + is_refined * " at the start",
+        f"{'Refined' if is_refined else 'Delaunay'} mesh, {len(mesh.triangles):,} triangles",
     )
     for letter, label, ax in zip("abcd", labels, axes, strict=True):
         ax.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[])
