@@ -22,7 +22,6 @@ from click.testing import CliRunner
 import geomesh
 from geomesh.cli import cli
 from geomesh.parameters import MODELS
-from support.refined import with_record
 from support.samples import OLINDA, ROOT, SAMPLES
 
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md"))]
@@ -228,17 +227,22 @@ def test_every_entry_of_the_metadata_is_documented(written):
     assert set(documented("Metadata")) == set(document)
 
 
-def test_what_a_refined_mesh_has_in_addition_is_documented(written):
-    source = SAMPLES / "colorado_dem_float32_epsg4269.tif"
-    plain = geomesh.read_mesh(written)
-    mesh = with_record(plain, source)
-    told = documented("Refined meshes")
-    columns = [name for name in mesh.triangle_table if name not in plain.triangle_table]
-    assert told[:2] == list(MODELS)
-    assert told[2:4] == [re.sub(r"^b1", "<band>", name) for name in columns]
-    assert told[4:] == sorted(mesh.metadata.keys() - plain.metadata.keys())
-    text = (ROOT / "docs" / "formats.md").read_text().split("\n## Refined meshes\n")[1]
+def test_models_and_entries_of_a_refined_mesh_are_documented(written):
+    assert documented("Refined meshes") == list(MODELS)
+    text = (ROOT / "docs" / "formats.md").read_text().split("\n## Metadata\n")[1]
     (row,) = re.findall(r"^\| `refinement` .*$", text, re.MULTILINE)
-    entries = mesh.metadata["refinement"]
+    entries = geomesh.read_mesh(written).metadata["refinement"]
     for name in (*entries, *entries["bands"][0]):
         assert f"`{name}`" in row, name
+
+
+def test_what_only_refined_meshes_have_is_said_to_be_so(written):
+    refined = geomesh.read_mesh(written)
+    source = SAMPLES / "colorado_dem_float32_epsg4269.tif"
+    plain = geomesh.mesh_raster(source, preset="features")
+    only = {re.sub(r"^b1", "<band>", name) for name in refined.triangle_table}
+    only -= {re.sub(r"^b1", "<band>", name) for name in plain.triangle_table}
+    only |= refined.metadata.keys() - plain.metadata.keys()
+    text = (ROOT / "docs" / "formats.md").read_text()
+    said = re.findall(r"^\| `([^`]+)` .*(?:in|of) a \[?refined mesh", text, re.MULTILINE)
+    assert only == set(said) - {"<band>", "certificate"}
