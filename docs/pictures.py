@@ -3,6 +3,7 @@
 Run it in the root of a checkout: ``.venv/bin/python docs/pictures.py``.
 """
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,15 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from PIL import Image
 
 import geomesh
 from geomesh.raster.open import open_scene
+from geomesh.recipe import DEFAULT_PRESET
 from geomesh.view.stages import draw_stages, run_stages
+
+DEFAULT = geomesh.Recipe.from_preset(DEFAULT_PRESET)
 
 SAMPLES = Path("data_samples")
 IMAGES = Path("docs/images")
@@ -36,7 +39,7 @@ def silent(_fraction: float, _message: str) -> None:
 
 def main() -> None:
     mpl.use("agg")
-    for preset in ("features", "paper"):
+    for preset in ("adaptive", "features", "paper"):
         scene = open_scene(SAMPLES / "olinda_landsat7_rgb_uint8.tif")
         stages = run_stages(scene, geomesh.Recipe.from_preset(preset), silent)
         keep(draw_stages(stages), f"olinda_stages_{preset}", dpi=80)
@@ -49,28 +52,32 @@ def main() -> None:
 
 
 def draw_hero() -> None:
-    """Draw a scene in three panels: its pixels, the same with the mesh's edges, its triangles."""
-    found = run_stages(
-        open_scene(SAMPLES / "iguacu_landsat8_rgb_uint16.tif"), geomesh.Recipe(), silent
-    )
-    mesh, image = found.mesh, bright(found.image)
-    width, top, bottom = mesh.grid.width, 95, 325
-    figure = Figure(figsize=(12, 12 * (bottom - top) / width), dpi=100)
-    panel = figure.add_axes((0, 0, 1, 1))
-    panel.imshow(image, extent=(0, width, mesh.grid.height, 0), interpolation="bilinear")
-    slant = 40
-    for colors, edge, left in (
-        ("none", "#ffffffb0", 0.3 * width),
-        (bright(mesh_colors(mesh)), "#ffffff30", 0.62 * width),
-    ):
-        corners = mesh.nodes[mesh.triangles]
-        cells = PolyCollection(corners, facecolors=colors, edgecolors=edge, linewidths=0.6)
-        panel.add_collection(cells)
-        shown = [(left + slant, top), (2 * width, top), (2 * width, bottom), (left - slant, bottom)]
-        cells.set_clip_path(Polygon(shown, transform=panel.transData))
-        panel.plot(*zip(shown[0], shown[3], strict=True), color="white", linewidth=2)
-    panel.set(xlim=(0, width), ylim=(bottom, top))
-    panel.set_axis_off()
+    """Draw a part of a scene in three panels: its pixels, the edges of its mesh, the triangles."""
+    source, bidx = SAMPLES / "spyndex_sentinel2_4band_uint16_NOGEOREF.tif", (3, 2, 1)
+    left, top, width, height = 110, 80, 156, 140
+    scene = open_scene(source, bidx=bidx)
+    mesh = geomesh.mesh_raster(source, bidx=bidx)
+    with scene.open():
+        bands, _ = scene.read(scene.grid.extent)
+    low, high = np.percentile(bands, (1, 99), axis=(1, 2))
+    image = np.clip((np.moveaxis(bands, 0, -1) - low) / (high - low), 0, 1)
+    means = np.stack([mesh.triangle_table[f"{band.name}_mean"] for band in scene.bands], axis=1)
+    corners = mesh.nodes[mesh.triangles]
+    figure = Figure(figsize=(12, 4 * height / width), dpi=100)
+    panels = figure.subplots(1, 3)
+    figure.subplots_adjust(0, 0, 1, 1, 0.015, 0)
+    for panel, light in zip(panels[:2], (1, 0.85), strict=True):
+        extent = (0, scene.grid.width, scene.grid.height, 0)
+        panel.imshow(light * image, extent=extent, interpolation="bilinear")
+    lines = {"facecolors": "none", "edgecolors": "#ffffffd0", "linewidths": 0.8}
+    panels[1].add_collection(PolyCollection(corners, **lines))
+    colors = np.clip((means - low) / (high - low), 0, 1)
+    # Each triangle has an edge in its own colour: this hides the gaps of antialiasing.
+    filled = {"facecolors": colors, "edgecolors": "face", "linewidths": 0.4}
+    panels[2].add_collection(PolyCollection(corners, **filled))
+    for panel in panels:
+        panel.set(xlim=(left, left + width), ylim=(top + height, top), aspect="auto")
+        panel.set_axis_off()
     keep(figure, "hero")
 
 
@@ -79,6 +86,7 @@ def draw_how_to() -> None:
     draw_nodes()
     draw_domains()
     draw_area()
+    draw_web()
 
 
 def draw_bands() -> None:
@@ -109,7 +117,10 @@ def draw_domains() -> None:
     figure, panels = side_by_side(3)
     for panel, domain in zip(panels, ("valid", "image", "hull"), strict=True):
         mesh = geomesh.mesh_raster(
-            SAMPLES / "bahamas_landsat7_rgb_nodata_collar.tif", nodes=2000, domain=domain
+            SAMPLES / "bahamas_landsat7_rgb_nodata_collar.tif",
+            preset="features" if domain == "hull" else "adaptive",
+            nodes=2000,
+            domain=domain,
         )
         frame(panel, mesh, domain)
         fill(panel, mesh, bright(mesh_colors(mesh)), "#ffffff59")
@@ -126,6 +137,24 @@ def draw_area() -> None:
     frame(panel, mesh, f"{len(mesh.triangles):,} triangles")
     fill(panel, mesh, bright(mesh_colors(mesh)), "#ffffff59")
     keep(figure, "area")
+
+
+def draw_web() -> None:
+    """Draw GeoJSON in the projection of web maps, in the style that the page gives to Leaflet."""
+    source = SAMPLES / "iguacu_landsat8_rgb_uint16.tif"
+    mesh = geomesh.mesh_raster(source, nodes=2000, statistics=("mean",))
+    with tempfile.TemporaryDirectory() as folder:
+        triangles = geopandas.read_file(mesh.to_file(Path(folder) / "web.geojson"))
+    triangles = triangles.to_crs("EPSG:3857")
+    west, south, east, north = triangles.total_bounds
+    figure = Figure(figsize=(5.6, 5.6 * 0.8), dpi=100)
+    panel = figure.add_axes((0, 0, 1, 1))
+    triangles.plot(ax=panel, color=triangles["color"], edgecolor=triangles["color"], linewidth=0.5)
+    wide, middle = 0.96 * (east - west), (south + north) / 2
+    x = (west + east - wide) / 2
+    panel.set(xlim=(x, x + wide), ylim=(middle - 0.4 * wide, middle + 0.4 * wide))
+    panel.set_axis_off()
+    keep(figure, "web", dpi=125)
 
 
 def side_by_side(count: int) -> tuple[Figure, list[Axes]]:
@@ -158,7 +187,7 @@ def keep(figure: Figure, name: str, dpi: int = 110) -> None:
 
 def draw_help() -> None:
     scene = open_scene(SAMPLES / "rmnp_rgb.tif")
-    found = run_stages(scene, geomesh.Recipe(nodes=500), silent)
+    found = run_stages(scene, DEFAULT.with_values(nodes=500), silent)
     width, height = scene.grid.width, scene.grid.height
 
     figure, panels = frames(2, height / width)
@@ -176,7 +205,7 @@ def draw_help() -> None:
     panels[0].imshow(found.gray, cmap="gray", extent=(0, width, height, 0))
     panels[1].imshow(found.edges, cmap="gray", extent=(0, width, height, 0))
     panels[2].imshow(found.gray, cmap="gray", extent=(0, width, height, 0))
-    panels[2].scatter(*found.mesh.nodes.T, s=0.7, c="#e69f00", linewidths=0)
+    panels[2].scatter(*found.keypoints.T, s=2.5, c="#e69f00", linewidths=0)
     fill(panels[3], found.mesh, found.mesh.triangle_table["color"], "#ffffff40")
     save(figure, "stages")
 
