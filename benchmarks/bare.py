@@ -73,7 +73,7 @@ def prepare(scene_path: Path, kept: Kept) -> None:
             gray[tile.core.slices()] = image.read(tile.core)[0]
         kept.thresholds.write_bytes(pickle.dumps(canny_thresholds(image, recipe)))
     np.save(kept.gray, gray)
-    kept.mesh.write_bytes(pickle.dumps(geomesh.mesh_raster(scene_path)))
+    kept.mesh.write_bytes(pickle.dumps(geomesh.mesh_raster(scene_path, preset="features")))
 
 
 def reading(scene_path: Path, _kept: Kept) -> Timed:

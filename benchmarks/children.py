@@ -97,9 +97,9 @@ def _resident(pid: int) -> int:
     return 0
 
 
-def mesh(scene: Path, out: Path, workers: int, *options: str) -> Run:
+def mesh(scene: Path, out: Path, workers: int, *options: str, preset: str = "features") -> Run:
     """Run ``geomesh mesh`` on a scene; the output has the numbers of nodes and triangles."""
-    quiet = ("--json", "--progress", "none", "--overwrite")
+    quiet = ("--json", "--progress", "none", "--overwrite", "--preset", preset)
     run = run_module(
         "geomesh", "mesh", scene, "-o", out, "--workers", str(workers), *quiet, *options
     )

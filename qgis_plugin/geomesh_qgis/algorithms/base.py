@@ -18,21 +18,19 @@ from qgis.core import (
 from qgis.PyQt.QtGui import QIcon
 
 from .. import settings
-from ..engine import environment, runner
+from ..engine import DEFAULT_PRESET, environment, runner
 from ..files import find_format_fault, find_output_fault
 from ..inputs import RasterInput, describe_raster
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+# Models and scripts know a preset by its place here, so new ones are put at the end.
 PRESETS = {
-    "features": "features: at the raster's own resolution",
+    "features": "features: the nodes are features of the image",
     "paper": "paper: the published system, at 256 × 256 pixels",
     "adaptive": "adaptive: the nodes that show the raster best",
 }
-
-# The preset that the dialogs start with. Models and scripts know presets by their place above.
-DEFAULT_PRESET = "adaptive"
 
 _FOLDER = Path(__file__).parents[1]
 

@@ -41,18 +41,18 @@ class RasterToMesh(RasterAlgorithm):
     GROUP = "Create"
     TAGS = ("triangles", "triangulation", "Delaunay", "TIN", "vectorize", "SIFT", "Canny", "image")
     SUMMARY = (
-        "Turns a raster into a triangle mesh. The nodes are features of the image, or those that "
-        "show the raster best."
+        "Turns a raster into a triangle mesh. The nodes are those that show the raster best, or "
+        "features of the image."
     )
     HELP = """
-<p>You can press <b>Run</b> without changing anything. The mesh then covers all valid pixels, at the
-raster's own resolution. The layer <i>triangles</i> shows the mean colour of the image and has exact
-statistics of every band. A GeoPackage also contains the nodes, the edges and all parameters, so
-that the mesh can be made again. Each mesh is checked before it is written.</p>
-<p><b>Preset</b>: <i>features</i> connects SIFT keypoints on Canny edges by a Delaunay
-triangulation, at the raster's own resolution. <i>paper</i> follows the published system exactly, at
-256 × 256 pixels. <i>adaptive</i> moves, adds and removes nodes until the mesh shows the raster
-as well as it can.<br/>
+<p>You can press <b>Run</b> without changing anything. The mesh then covers all valid pixels, and
+has 1 % as many nodes, at least twice those of its outline. The layer <i>triangles</i> shows the
+mean colour of the image and has exact statistics of every band. A GeoPackage also contains the
+nodes, the edges and all parameters, so that the mesh can be made again. Each mesh is checked before
+it is written.</p>
+<p><b>Preset</b>: <i>adaptive</i> moves, adds and removes nodes until the mesh shows the raster
+as well as it can. <i>features</i> connects SIFT keypoints on Canny edges by a Delaunay
+triangulation. <i>paper</i> follows the published system exactly, at 256 × 256 pixels.<br/>
 <b>Goal</b> (adaptive): a <i>number of nodes</i>; or an error, which is reached with as few nodes as
 possible. <i>Largest error</i>: no valid pixel is farther from the mesh. <i>Root mean square
 error</i>: on average. Set it in <b>error to reach</b>, in the raster's units.<br/>

@@ -50,9 +50,9 @@ LABELS = {
 
 TIPS = {
     "NODES": (
-        "adaptive: exactly so many nodes; with an error as the goal, at most so many. Other "
-        "presets: keeps the strongest features, spread evenly. If not set: 1 % of the valid "
-        "pixels for adaptive, or all features"
+        "adaptive: exactly so many nodes; with an error as the goal, at most so many. If not set: "
+        "1 % of the valid pixels, at least twice the nodes of outline and breaklines. Other "
+        "presets: keeps the strongest features, spread evenly. If not set: all features"
     ),
     "NODES_PERCENT": "The node budget as a share of the valid pixels, instead of a number",
     "GOAL": (

@@ -30,7 +30,8 @@ class Stages(RasterAlgorithm):
     TAGS = ("figure", "Canny", "SIFT", "edges", "keypoints", "Delaunay", "picture")
     SUMMARY = "Draws the result of each stage: gray image, Canny edges, keypoints and mesh."
     HELP = """
-<p>Use it to understand a mesh and to choose thresholds. If the raster has more than 2048 pixels a
+<p>Use it to understand a mesh and to choose thresholds. An adaptive mesh only begins with the
+keypoints; then its nodes move. If the raster has more than 2048 pixels a
 side, only its middle is shown. To show another part, set the <b>extent</b>.</p>
 """
 

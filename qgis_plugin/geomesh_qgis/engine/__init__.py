@@ -2,3 +2,6 @@
 
 # The page of the settings to which messages refer.
 OPTIONS = "Settings > Options > geomesh"
+
+# The preset that the dialogs start with. A test compiles what it needs.
+DEFAULT_PRESET = "adaptive"

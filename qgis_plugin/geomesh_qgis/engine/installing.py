@@ -31,7 +31,7 @@ Report = Callable[[float, str], None]
 Cancel = Callable[[], bool]
 
 # The progress at the end of each step.
-_MADE, _FILLED = 0.05, 0.9
+_MADE, _FILLED, _TESTED = 0.05, 0.9, 0.99
 
 # The approximate size of the download of an installation. Only the progress depends on it.
 _PACKAGES = 35
@@ -184,9 +184,12 @@ def _fill(new: Path, base: Path, wheel: Path, progress: Report, cancelled: Cance
     )
     if code != 0:
         raise EnvironmentProblem(explain(lines, wheel), tuple(lines[-40:]))
-    progress(_FILLED, "Meshing a test image ...")
     remove_folder(_scratch(new))
-    self_test(_answering(new), cancelled=cancelled)
+
+    def hear_test(fraction: float, message: str) -> None:
+        progress(_FILLED + (_TESTED - _FILLED) * fraction, message)
+
+    self_test(_answering(new), progress=hear_test, cancelled=cancelled)
 
 
 def _answering(folder: Path) -> Installation:

@@ -6,18 +6,35 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import OPTIONS
+from . import DEFAULT_PRESET, OPTIONS
 from .environment import EnvironmentProblem, Installation
 from .runner import RunError, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_TOLD = ("--progress", "jsonl", "--until-eof")
+# The first test of an installation compiles what the default preset needs, so that the user's
+# first mesh does not wait for it. This takes 15 s on two cores.
+TESTING = "Meshing a test image. The first time, this takes up to a minute ..."
+
+_TOLD = ("--preset", DEFAULT_PRESET, "--progress", "jsonl", "--until-eof")
 
 
-def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lambda: False) -> str:
+def self_test(
+    installation: Installation,
+    *,
+    progress: Callable[[float, str], None] = lambda _fraction, _message: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> str:
     """Make a mesh of a tiny raster, and return the version of geomesh.
+
+    Parameters
+    ----------
+    installation : Installation
+    progress : callable
+        Receives a fraction (0..1, which never decreases) and what is done.
+    cancelled : callable
+        Returns whether to stop.
 
     Raises
     ------
@@ -27,13 +44,22 @@ def self_test(installation: Installation, *, cancelled: Callable[[], bool] = lam
         If there is no mesh, or if geomesh cannot use coordinate reference systems.
     """
     warnings: list[str] = []
+    said = ""
+
+    def report(fraction: float, message: str) -> None:
+        nonlocal said
+        if message != said:  # the log of the user has a line for each report
+            said = message
+            progress(fraction, f"Test image: {message}")
+
+    progress(0.0, TESTING)
     with tempfile.TemporaryDirectory(prefix="geomesh-test-") as folder:
         raster = write_test_raster(Path(folder))
         mesh = raster.with_name("mesh.gpkg")
         try:
             run(
                 [*installation.command, "mesh", str(raster), "-o", str(mesh), *_TOLD],
-                progress=lambda _fraction, _message: None,
+                progress=report,
                 warn=warnings.append,
                 cancelled=cancelled,
                 places=[mesh.parent],

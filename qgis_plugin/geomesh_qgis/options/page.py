@@ -82,9 +82,10 @@ class OptionsPage(QgsOptionsPageWidget):
         chosen, managed = self._form.file.filePath(), managed_folder()
 
         def verify(report: work.Report, cancelled: work.Cancel) -> str:
-            report(0.1, "Meshing a test image ...")
+            report(0.0, "Looking for geomesh ...")
             forget_versions()
-            return f"geomesh {self_test(find(chosen, managed), cancelled=cancelled)} works."
+            here = find(chosen, managed)
+            return f"geomesh {self_test(here, progress=report, cancelled=cancelled)} works."
 
         self._begin(work.Work("Verifying geomesh", verify))
 
