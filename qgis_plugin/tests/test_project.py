@@ -23,8 +23,11 @@ from qgis.core import (
 from qgis.PyQt.QtGui import QColor, QImage
 
 
+FEATURES = 0  # the place of the preset
+
+
 def test_layers_are_named_after_the_raster_and_ordered(loaded, project, tmp_path):
-    layers = loaded(LAYERS=[0, 1, 2], MESH=str(tmp_path / "mesh.nc"))
+    layers = loaded(PRESET=FEATURES, LAYERS=[0, 1, 2], MESH=str(tmp_path / "mesh.nc"))
     name = "olinda_landsat7_rgb_uint8"
     tree = [node.name() for node in project.layerTreeRoot().findLayers()]
     assert tree == [f"{part} · {name}" for part in ("nodes", "edges", "triangles", "mesh")]
@@ -44,7 +47,7 @@ def test_recipe_and_certificate_are_in_the_layer_properties(loaded):
     assert "canny_low: not set\n" in metadata.abstract()
     assert "Canny's low threshold that was used: 1" in metadata.abstract()
     assert "<" not in metadata.abstract()
-    assert "empty circumcircles" in metadata.abstract()
+    assert "the mesh has the number of nodes that was wanted" in metadata.abstract()
     assert metadata.crs().authid() == "EPSG:31985"
     assert any("olinda_landsat7_rgb_uint8.tif" in line for line in metadata.history())
     assert json.loads(layer.customProperty("geomesh/recipe"))["nodes"] == 150
@@ -155,22 +158,31 @@ def test_model_loads_what_it_calls_its_output(model, olinda, project, processing
 
 
 @pytest.mark.parametrize("sample", ["olinda_landsat7_rgb_uint8", "rmnp_rgb"])
-def test_the_map_looks_like_the_image(loaded, samples, tmp_path, project, sample):
+def test_the_map_looks_like_the_image(loaded, samples, project, sample):
     raster = QgsRasterLayer(str(samples / f"{sample}.tif"), "raster")
-    layers = loaded(INPUT=str(samples / f"{sample}.tif"), MESH=str(tmp_path / "mesh.nc"))
+    layers = loaded(INPUT=str(samples / f"{sample}.tif"))
     seen = {name.partition(" ")[0]: layer for name, layer in layers.items()}
     expected = paint([raster], raster.extent())
     triangles = paint([seen["triangles"]], raster.extent())
-    mesh = paint([seen["mesh"]], raster.extent())
     blank = QImage(300, 300, QImage.Format.Format_RGB32)
     blank.fill(QColor("gray"))
     assert difference(expected, blank) > 25  # a wrong image is detected
-    assert difference(expected, mesh) < 6
     assert difference(expected, triangles) < 20  # edges are drawn over the colours
     near = raster.extent()
     near.scale(0.2)
     both = paint([seen["nodes"], seen["triangles"]], near)
     assert difference(paint([seen["triangles"]], near), both) > 0  # the nodes are visible
+
+
+@pytest.mark.parametrize("sample", ["olinda_landsat7_rgb_uint8", "rmnp_rgb"])
+def test_a_mesh_layer_of_features_looks_like_the_image(loaded, samples, tmp_path, project, sample):
+    """For the layers of a linear surface see test_surface.py."""
+    raster = QgsRasterLayer(str(samples / f"{sample}.tif"), "raster")
+    given = {"INPUT": str(samples / f"{sample}.tif"), "MESH": str(tmp_path / "mesh.nc")}
+    layers = loaded(PRESET=FEATURES, **given)
+    (mesh,) = (layer for name, layer in layers.items() if name.startswith("mesh "))
+    expected = paint([raster], raster.extent())
+    assert difference(expected, paint([mesh], raster.extent())) < 6
 
 
 def test_from_afar_neither_edges_nor_nodes_hide_the_image(loaded, olinda):

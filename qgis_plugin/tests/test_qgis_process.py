@@ -106,6 +106,9 @@ def test_interrupt_cancels(qgis_environment, tmp_path, samples, geomesh_python):
     process.send_signal(signal.SIGINT)
     said, _ = process.communicate(timeout=60)
     assert process.returncode != 0, said
+    deadline = time.monotonic() + 20
+    while Path(f"/proc/{child}").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
     assert not Path(f"/proc/{child}").exists()
     assert list(folder.iterdir()) == []
 

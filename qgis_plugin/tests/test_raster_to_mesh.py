@@ -77,7 +77,7 @@ def test_style_travels_with_the_geopackage(olinda_mesh):
     assert fill.field() == "color"
     nodes = open_layer(olinda_mesh["NODES_LAYER"])
     assert nodes.renderer().classAttribute() == "kind"
-    assert [found.value() for found in nodes.renderer().categories()] == ["feature", "border"]
+    assert [found.value() for found in nodes.renderer().categories()] == ["refined", "border"]
 
 
 def test_every_edge_and_node_has_a_category(olinda_mesh):

@@ -83,7 +83,7 @@ def run(
     command : sequence of str
         The complete command, with `--progress jsonl --until-eof`.
     progress : callable
-        Receives a fraction (0..1) and a message.
+        Receives a fraction (0..1, which never decreases) and a message.
     warn : callable
         Receives messages that the user should read.
     cancelled : callable
@@ -134,6 +134,7 @@ class _Heard:
 
     unfinished: str = ""
     starts: int = 0
+    fraction: float = 0.0
     results: int = 0
     outputs: list[str] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
@@ -173,7 +174,8 @@ def _hear(
     elif kind == "progress":
         fraction = event.get("fraction")
         if isinstance(fraction, (int, float)):
-            progress(float(fraction), message)
+            heard.fraction = max(heard.fraction, float(fraction))
+            progress(heard.fraction, message)
     elif kind == "log":
         warn(message)
     elif kind == "error":

@@ -49,7 +49,8 @@ def test_run_gives_layers(seen):
     # Newer versions of QGIS show "Create - Raster to Mesh".
     assert seen["dialog"].lower().endswith("raster to mesh")
     assert seen["successful"], seen["log"]
-    assert seen["messages"] == []
+    # QGIS tells of the end of a task that took longer than a few seconds.
+    assert [text for text in seen["messages"] if "Task complete" not in text] == []
     assert all(layer["valid"] for layer in seen["layers"])
     assert {layer["crs"] for layer in seen["layers"]} == {"EPSG:31985"}
     (triangles,) = (layer for layer in seen["layers"] if "n0" in layer.get("fields", ()))
