@@ -22,7 +22,6 @@ from qgis.core import (
 )
 from qgis.PyQt.QtGui import QColor, QImage
 
-
 FEATURES = 0  # the place of the preset
 
 

@@ -94,9 +94,9 @@ def goal_parameters() -> list[QgsProcessingParameterDefinition]:
     whole, real = number.Type.Integer, number.Type.Double
     return [
         choice("GOAL", LABELS["GOAL"], list(GOALS.values()), False, 0),
-        QgsProcessingParameterString("ERROR", LABELS["ERROR"], None, False, True),
         number("NODES", LABELS["NODES"], whole, None, True, 1),
         number("NODES_PERCENT", LABELS["NODES_PERCENT"], real, None, True, 0, 100),
+        QgsProcessingParameterString("ERROR", LABELS["ERROR"], None, False, True),
         number("MIN_ANGLE", LABELS["MIN_ANGLE"], real, None, True, 0, LARGEST_FLOOR),
         choice("MODEL", LABELS["MODEL"], list(MODELS.values()), False, None, True),
         choice("EFFORT", LABELS["EFFORT"], list(EFFORTS.values()), False, None, True),

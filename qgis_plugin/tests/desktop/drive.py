@@ -101,6 +101,7 @@ def steps(driver):
             iface.setActiveLayer(layer)
             break
     canvas.setExtent(raster.extent())
+    iface.messageBar().clearWidgets()  # QGIS tells of the end of a task that took a while
     yield canvas_is_still()
     driver.picture(PICTURES / "qgis_map.png", window)
     canvas.zoomByFactor(0.3)
