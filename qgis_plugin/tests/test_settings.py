@@ -255,6 +255,7 @@ def test_verifying_meshes_for_real(driver, geomesh_python):
     driver.wait()
     assert driver.text("status") == "geomesh 0.1.0 works."
     assert "test image" in driver.details
+    assert "Test image: Refining" in driver.details  # as in the user's first mesh by default
     assert not driver.bar.isVisible()
     assert driver.button("verify").isEnabled()
 
