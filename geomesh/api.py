@@ -240,7 +240,8 @@ def mesh_raster(
     name : str, optional
         Name of the source in messages and metadata. Default: its path.
     time_limit : float, optional
-        Seconds after which refinement ends early, with a certified mesh and a warning.
+        Seconds after which refinement ends early, with a certified mesh and a warning. Only for
+        a preset that refines.
     workers : int, optional
         Number of tiles to process at the same time. Default: one per core. Any number
         gives the same mesh, bit for bit.
@@ -275,6 +276,8 @@ def mesh_raster(
     from geomesh.pipeline.mesh_scene import mesh_scene
 
     recipe = (recipe or Recipe.from_preset(preset)).with_values(**values)
+    if time_limit is not None:
+        recipe.require_refinement("time_limit", time_limit)
     scene = open_scene(
         source,
         bidx=bidx,

@@ -182,11 +182,16 @@ class Recipe:
         defaults = {field.name: field.default for field in fields(self)}
         for name in _OF_REFINEMENT:
             value = getattr(self, name)
-            if not self.refine and value != defaults[name]:
-                raise RecipeError(
-                    f"`{name}` is {value!r}, but the preset {self.preset} is not refined: use "
-                    "`preset=adaptive`"
-                )
+            if value != defaults[name]:
+                self.require_refinement(name, value)
+
+    def require_refinement(self, name: str, value: object) -> None:
+        """Raise RecipeError if the recipe does not refine, so that a given value has no effect."""
+        if not self.refine:
+            raise RecipeError(
+                f"`{name}` is {value!r}, but the preset {self.preset} is not refined: use "
+                "`preset=adaptive`"
+            )
 
     @property
     def budget(self) -> int | str | None:

@@ -235,8 +235,12 @@ def test_a_wrong_number_of_limits_is_refused_before_any_work() -> None:
         adaptive(OLINDA, max_error=(1, 2))
 
 
-@pytest.mark.parametrize("name", ["max_error", "rmse", "min_angle", "model", "keep_features"])
-def test_other_presets_have_no_goal(name: str) -> None:
-    value = {"model": "constant", "keep_features": True}.get(name, 5)
-    with pytest.raises(RecipeError, match="preset=adaptive"):
-        geomesh.mesh_raster(OLINDA, preset="features", **{name: value})
+@pytest.mark.parametrize(
+    "name", ["max_error", "rmse", "min_angle", "model", "effort", "keep_features", "time_limit"]
+)
+@pytest.mark.parametrize("preset", ["features", "paper"])
+def test_other_presets_have_no_goal(name: str, preset: str) -> None:
+    value = {"model": "constant", "effort": "fast", "keep_features": True}.get(name, 5)
+    message = f"`{name}` is {value!r}, but the preset {preset} is not refined: use `preset=adapt"
+    with pytest.raises(RecipeError, match=message):
+        geomesh.mesh_raster(OLINDA, preset=preset, **{name: value})

@@ -175,13 +175,17 @@ def test_the_command_has_every_option(command: Geomesh, tmp_path: Path) -> None:
         (["--min-angle", "40"], "min_angle is 40"),
         (["--time-limit", "0"], "--time-limit"),
         (["--preset", "features", "--rmse", "3"], "--preset adaptive"),
+        (
+            ["--preset", "features", "--time-limit", "5"],
+            "--time-limit is 5.0, but the preset features is not refined: use --preset adaptive",
+        ),
     ],
 )
 def test_the_command_names_its_options(
     command: Geomesh, tmp_path: Path, options: list[str], message: str
 ) -> None:
     preset = [] if "--preset" in options else ["--preset", "adaptive"]
-    run = command("mesh", OLINDA, "-o", tmp_path / "mesh.gpkg", *preset, *options)
+    run = command("mesh", OLINDA, "-o", f"{tmp_path}/meshes/", *preset, *options)
     assert run.code in (1, 2)
     assert message in run.err
     assert not list(tmp_path.iterdir())

@@ -150,12 +150,12 @@ def _plan(
         paths,
         [*sources, reading["mask"], writing["breaklines"], recipe_options["recipe_file"]],
     )
-    new_folder = folder if folder is not None and _make_folder(folder) else None
-    jobs = (
+    jobs = tuple(
         MeshJob(source, path, recipe, reading=reading, **writing)
         for source, path in zip(sources, paths, strict=True)
     )
-    return _Plan(tuple(jobs), new_folder)
+    new_folder = folder if folder is not None and _make_folder(folder) else None
+    return _Plan(jobs, new_folder)
 
 
 def _choose_outputs(

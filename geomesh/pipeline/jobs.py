@@ -36,6 +36,11 @@ class MeshJob:
         See `geomesh.pipeline.breaklines.read_breaklines`.
     time_limit : float, optional
         Seconds after which refinement ends early.
+
+    Raises
+    ------
+    RecipeError
+        If there is a time limit, but no refinement.
     """
 
     source: Source
@@ -49,6 +54,10 @@ class MeshJob:
     breaklines: Any = None
     breaklines_layer: str | None = None
     time_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_limit is not None:
+            self.recipe.require_refinement("time_limit", self.time_limit)
 
 
 @dataclass(frozen=True)
