@@ -30,7 +30,7 @@ from geomesh.surface.fidelity import ErrorSums, Fidelity, sum_errors, summarise
 from geomesh.surface.fit import Surface, SurfaceTile, walk
 from geomesh.surface.original import open_original
 from geomesh.surface.paint import to_pixels
-from geomesh.surface.stored import find_surface
+from geomesh.surface.stored import choose, find_surface
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -94,6 +94,8 @@ def render_file(
     target, options = Path(path), choose_options(creation or {})
     check_geotiff(target, overwrite=overwrite)
     scene = open_original(mesh, source, bidx=bidx, alpha=alpha, crs=crs)
+    model, fit = choose(mesh, model, fit, bidx)
+    share = 0.0 if fit == "stored" else 0.6
     with (
         reporting(progress) as report,
         open_workers(workers) as pool,
@@ -107,10 +109,10 @@ def render_file(
             fit=fit,
             bidx=bidx,
             workers=pool,
-            progress=part_of(report, 0, 0.6),
+            progress=part_of(report, 0, share),
         )
         with writing_to(target, "rasterio", way_out="choose other creation options"):
-            sums = _write(temporary, options, surface, scene, pool, part_of(report, 0.6, 0.9))
+            sums = _write(temporary, options, surface, scene, pool, part_of(report, share, 0.9))
         try:
             shown = open_scene(temporary, name=str(target))
         except SourceError as error:

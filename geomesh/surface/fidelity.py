@@ -16,7 +16,7 @@ from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.workers import Workers, open_workers
 from geomesh.surface.fit import Surface, SurfaceTile, walk
 from geomesh.surface.original import open_original
-from geomesh.surface.stored import find_surface
+from geomesh.surface.stored import choose, find_surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -127,6 +127,8 @@ def measure_fidelity(
     29.7
     """
     scene = open_original(mesh, source, bidx=bidx, alpha=alpha, crs=crs)
+    model, fit = choose(mesh, model, fit, bidx)
+    share = 0.0 if fit == "stored" else 0.7
     with reporting(progress) as report, open_workers(workers) as pool, scene.open():
         surface = find_surface(
             mesh,
@@ -135,9 +137,9 @@ def measure_fidelity(
             fit=fit,
             bidx=bidx,
             workers=pool,
-            progress=part_of(report, 0, 0.7),
+            progress=part_of(report, 0, share),
         )
-        return compare(surface, scene, pool, part_of(report, 0.7, 1))
+        return compare(surface, scene, pool, part_of(report, share, 1))
 
 
 def compare(surface: Surface, scene: Scene, workers: Workers, progress: Progress) -> Fidelity:
