@@ -73,7 +73,8 @@ class Excerpt:
         rows, cols = window.slices(self.window)
         if shape is not None:
             rows, cols = _thin(rows, shape[0]), _thin(cols, shape[1])
-        block = np.asanyarray(self.array[indexes, rows, cols])
+        # In the order of a file: compiled code takes no other.
+        block = np.asanyarray(self.array[indexes, rows, cols], order="C")
         stored, valid = np.ma.getdata(block), ~np.any(np.ma.getmaskarray(block), axis=0)
         _exclude(valid, stored, [nodata] * len(stored))
         return stored, valid
