@@ -132,6 +132,7 @@ class Advice:
 
 
 MESH = "mesh scene.tif -o mesh.gpkg"
+FEATURES = f"{MESH} --preset features"
 
 ADVICE: dict[str, Advice] = {
     "overwrite": Advice(
@@ -295,34 +296,52 @@ ADVICE: dict[str, Advice] = {
     ),
     "smooth": Advice(
         smooth,
-        MESH,
+        FEATURES,
         "the image is smooth; --set sobel=true gives more",
-        (f"{MESH} --overwrite --set sobel=true",),
+        (f"{FEATURES} --overwrite --set sobel=true",),
         more="mesh.gpkg",
     ),
     "smoother": Advice(
         partial(smooth, side=300),
-        MESH,
+        FEATURES,
         "the mesh is the outline only; if it is not, --set sobel=true gives more",
-        (f"{MESH} --overwrite --set sobel=true",),
+        (f"{FEATURES} --overwrite --set sobel=true",),
         more="mesh.gpkg",
     ),
     "smooth, with a budget": Advice(
         smooth,
-        f"{MESH} --nodes 300",
+        f"{FEATURES} --nodes 300",
         "of the 300 requested nodes: .*; --set sobel=true gives more",
-        (f"{MESH} --nodes 300 --overwrite --set sobel=true",),
+        (f"{FEATURES} --nodes 300 --overwrite --set sobel=true",),
         more="mesh.gpkg",
     ),
     "more nodes than keypoints": Advice(
         lambda folder: shutil.copy(OLINDA, folder / "scene.tif"),
-        f"{MESH} --nodes 20000",
+        f"{FEATURES} --nodes 20000",
         "; --set edge_distance=null or --set min_spacing=1 gives more",
         (
-            f"{MESH} --overwrite --nodes 20000 --set edge_distance=null",
-            f"{MESH} --overwrite --nodes 20000 --set min_spacing=1",
+            f"{FEATURES} --overwrite --nodes 20000 --set edge_distance=null",
+            f"{FEATURES} --overwrite --nodes 20000 --set min_spacing=1",
         ),
         more="mesh.gpkg",
+    ),
+    "refinement of a hull": Advice(
+        scene,
+        f"{MESH} --set domain=hull",
+        "a refined mesh covers the pixels of the raster: use --preset features$",
+        (f"{FEATURES} --set domain=hull",),
+    ),
+    "refinement of a resized image": Advice(
+        scene,
+        f"{MESH} --set resize=[32,32]",
+        "a refined mesh covers the pixels of the raster: use --preset features$",
+        (f"{FEATURES} --set resize=[32,32]",),
+    ),
+    "time limit": Advice(
+        scene,
+        f"{FEATURES} --time-limit 60",
+        "--time-limit is 60.0, but the preset features is not refined: use --preset adaptive",
+        (f"{MESH} --preset adaptive --time-limit 60",),
     ),
     "picture": Advice(
         scene,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from typing import TYPE_CHECKING
 
 import geopandas as gpd
@@ -36,6 +37,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::geomesh.errors.GeomeshWarning")
 
 COLORS = {k: (30 * k, 200 - 20 * k, (77 * k) % 256, 255) for k in range(9)}
 NAMES = ("majority", "variety", "median")
+PRESETS = ("adaptive", "features")
 
 
 def partials(nodes, triangles, bands, valid, *, core=1024, counted=(0,), classes=()):
@@ -203,6 +205,12 @@ def write_palette(
     return write_raster(folder, name, data, change=change, **options)
 
 
+def errors_of(mesh: geomesh.Mesh, *bands: str) -> list[str]:
+    """Return the columns of errors that a mesh has in addition if it is refined."""
+    refined = mesh.provenance.refinement is not None
+    return [f"{band}_{each}" for band in bands for each in ("rmse", "max_error") if refined]
+
+
 def check_classes(mesh: geomesh.Mesh, classes: np.ndarray, valid: np.ndarray, name: str) -> None:
     """Compare the columns of a band of classes with numpy."""
     owners = find_owners(mesh.nodes, mesh.triangles, mesh.grid.extent)
@@ -222,12 +230,13 @@ def check_classes(mesh: geomesh.Mesh, classes: np.ndarray, valid: np.ndarray, na
     assert set(nodes) <= set(classes[valid])
 
 
-def test_a_palette_has_statistics_of_its_classes(tmp_path):
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_palette_has_statistics_of_its_classes(tmp_path, preset):
     classes = classes_of()
     path = write_palette(tmp_path, classes)
-    mesh = geomesh.mesh_raster(path)
-    columns = ["count", "b1_majority", "b1_variety", "color"]
-    assert list(mesh.triangle_table) == columns
+    mesh = geomesh.mesh_raster(path, preset=preset)
+    errors = errors_of(mesh, "red", "green", "blue")
+    assert list(mesh.triangle_table) == ["count", "b1_majority", "b1_variety", *errors, "color"]
     check_classes(mesh, classes[0], np.ones(classes.shape[1:], bool), "b1")
     expected = sample_nearest(mesh.nodes, classes[0], classes[0] > 0, mesh.grid.extent)
     np.testing.assert_array_equal(mesh.node_table["b1"], expected)
@@ -294,11 +303,12 @@ def test_a_palette_with_a_mask(tmp_path):
     check_classes(geomesh.mesh_raster(path), classes_of()[0], mask > 0, "b1")
 
 
-def test_a_triangle_or_a_node_without_a_class_is_told_by_minus_one(tmp_path):
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_triangle_or_a_node_without_a_class_is_told_by_minus_one(tmp_path, preset):
     data = classes_of()
     data[0, :, 30:] = 8
     path = write_palette(tmp_path, data, nodata=8)
-    mesh = geomesh.mesh_raster(path, domain="image", border_spacing=4)
+    mesh = geomesh.mesh_raster(path, preset=preset, domain="image", border_spacing=4, nodes=200)
     table, nodes = mesh.triangle_table, mesh.node_table["b1"]
     none = table["b1_majority"] == FILL
     assert none.any()
@@ -336,21 +346,31 @@ def write_two_bands(folder: Path, classes: np.ndarray) -> str:
     return str(path)
 
 
-def test_a_band_of_classes_beside_other_bands(tmp_path):
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_band_of_classes_beside_other_bands(tmp_path, preset):
     classes = classes_of()
     path = write_two_bands(tmp_path, classes)
-    mesh = geomesh.mesh_raster(path, statistics=("mean", "median"))
+    mesh = geomesh.mesh_raster(path, preset=preset, statistics=("mean", "median"))
     assert list(mesh.triangle_table) == [
-        *("count", "b1_majority", "b1_variety"),
-        *("near_infrared_mean", "near_infrared_median", "color"),
+        *("count", "b1_majority", "b1_variety", *errors_of(mesh, "b1")),
+        *("near_infrared_mean", "near_infrared_median", *errors_of(mesh, "near_infrared")),
+        "color",
     ]
-    check_classes(mesh, classes[0], classes[0] > 0, "b1")
+    if preset == "features":
+        check_classes(mesh, classes[0], classes[0] > 0, "b1")
     owners = find_owners(mesh.nodes, mesh.triangles, mesh.grid.extent)
     median = expected_of(owners, picture()[0], classes[0] > 0, len(mesh.triangles))["median"]
     some = mesh.triangle_table["count"] > 0
     np.testing.assert_array_equal(mesh.triangle_table["near_infrared_median"][some], median[some])
-    alone = geomesh.mesh_raster(path, bidx=[2], nodes=50)
+    alone = geomesh.mesh_raster(path, preset=preset, bidx=[2], nodes=50)
     assert "near_infrared_mean" in alone.triangle_table
+    # A refined surface runs between classes as between measured values, so that is told.
+    told = [mesh.metadata["warnings"], alone.metadata["warnings"]]
+    note = (
+        "b1: refinement takes classes for measured values and interpolates between them; choose "
+        "other bands with `bidx`, or use `preset=features`"
+    )
+    assert told == [[note], []] if preset == "adaptive" else [[], []]
 
 
 # ---------------------------------------------------------------- which statistics
@@ -369,10 +389,13 @@ def test_a_band_of_classes_beside_other_bands(tmp_path):
     ids=str,
 )
 def test_the_statistics_asked_for_are_those_that_are_kept(tmp_path, statistics, plain, classes):
-    for path, expected in ((write_raster(tmp_path), plain), (write_palette(tmp_path), classes)):
+    for path, expected, bands in (
+        (write_raster(tmp_path), plain, ["b1"]),
+        (write_palette(tmp_path), classes, ["red", "green", "blue"]),
+    ):
         mesh = geomesh.mesh_raster(path, statistics=statistics, nodes=30)
         columns = [f"b1_{name}" for name in expected]
-        assert list(mesh.triangle_table) == ["count", *columns, "color"]
+        assert list(mesh.triangle_table) == ["count", *columns, *errors_of(mesh, *bands), "color"]
 
 
 def test_an_ordinary_band_has_majority_variety_and_median_if_asked(tmp_path):
@@ -401,7 +424,8 @@ def test_the_command_computes_them_too(command, tmp_path):
         command("mesh", path, "-o", output, "--stats", "majority,median", "--nodes", "30").code == 0
     )
     mesh = geomesh.read_mesh(output)
-    assert list(mesh.triangle_table) == ["count", "b1_majority", "b1_median", "color"]
+    columns = ["b1_majority", "b1_median", *errors_of(mesh, "b1")]
+    assert list(mesh.triangle_table) == ["count", *columns, "color"]
     refused = command("mesh", path, "-o", tmp_path / "other.gpkg", "--stats", "mode")
     assert refused.code == 2
     assert "median, majority, variety" in refused.err
@@ -420,8 +444,8 @@ def large(tmp_path_factory) -> str:
 
 
 def test_workers_do_not_change_the_classes(large):
-    one = geomesh.mesh_raster(large, nodes=4000, workers=1)
-    two = geomesh.mesh_raster(large, nodes=4000, workers=2)
+    mesh_of = partial(geomesh.mesh_raster, large, preset="features", nodes=4000)
+    one, two = mesh_of(workers=1), mesh_of(workers=2)
     assert fingerprint(one) == fingerprint(two)
     with rasterio.open(large) as dataset:
         classes = dataset.read(1)

@@ -86,7 +86,8 @@ def mesh_scene(
     _require_reach(scene, workers)
     _require_refinable(recipe)
     own = breaklines.notes if breaklines is not None else ()
-    notes = (*scene.notes, *own, *_notes_on_memory(scene, recipe))
+    doubts = [*_notes_on_memory(scene, recipe), *_notes_on_classes(scene, recipe)]
+    notes = (*scene.notes, *own, *doubts)
     _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
@@ -103,9 +104,9 @@ def mesh_scene(
         )
         is_known.wait()
         if not later_stages.done():
-            progress(0.7 * share, "Compiling, once")
+            progress(0.05 + 0.65 * share, "Compiling, once")
         later_stages.result()
-        progress(0.7 * share, "Triangulating")
+        progress(0.05 + 0.65 * share, "Triangulating")
         nodes = place_nodes(detection, scene.grid, recipe, breaklines)
         mesh = join_nodes(nodes, scene.grid, detection.size, recipe, workers.local)
         outcome = None
@@ -113,7 +114,7 @@ def mesh_scene(
             # Imported here: its kernels take most of the time that compiling takes.
             from geomesh.pipeline.refine_scene import refine_scene
 
-            more = part_of(progress, 0.75 * share, 0.8)
+            more = part_of(progress, 0.05 + 0.7 * share, 0.8)
             outcome = refine_scene(mesh, scene, recipe, overview, workers, more, is_late=is_late)
             mesh = outcome.mesh
         if shaped is not None:
@@ -197,8 +198,8 @@ def _require_refinable(recipe: Recipe) -> None:
     """Raise RecipeError if a mesh is to be refined that does not cover the raster's pixels."""
     if recipe.refine and (recipe.resize is not None or recipe.domain == "hull"):
         raise RecipeError(
-            "`refine` needs the domain valid or image and no resize, because a refined mesh "
-            "covers the pixels of the raster"
+            "refinement needs the domain valid or image and no resize, because a refined mesh "
+            "covers the pixels of the raster: use `preset=features`"
         )
 
 
@@ -212,6 +213,20 @@ def _notes_on_memory(scene: Scene, recipe: Recipe) -> list[str]:
         f"this recipe processes all {width} x {height} pixels at once and needs about "
         f"{gigabytes:.0f} GB of memory; to work tile by tile, use `sift_max_octave=2` "
         "`sift_source=gray` `sift_sigma=1.6` `sift_octave_layers=3`"
+    ]
+
+
+def _notes_on_classes(scene: Scene, recipe: Recipe) -> list[str]:
+    """Return a warning if a surface is to be refined between classes, which have no order.
+
+    A palette alone is no such case: its surface is that of its colours.
+    """
+    names = ", ".join(band.name for band in scene.bands if band.is_class)
+    if not (recipe.refine and names):
+        return []
+    return [
+        f"{names}: refinement takes classes for measured values and interpolates between them; "
+        "choose other bands with `bidx`, or use `preset=features`"
     ]
 
 
