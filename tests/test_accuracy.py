@@ -34,7 +34,7 @@ from geomesh.zonal.owners import find_owners
 from support.files import assert_same
 from support.geometry import rectangle_mesh
 from support.rasters import picture
-from support.refined import refined, with_record
+from support.refined import plain_mesh, refined, with_record
 from support.samples import SAMPLES, mirrored
 
 if TYPE_CHECKING:
@@ -415,7 +415,7 @@ def test_a_digest_sees_every_change_but_none_of_a_file() -> None:
 
 
 def test_a_document_without_a_refinement_is_read(source: Any) -> None:
-    plain = geomesh.mesh_raster(source, nodes=50)
+    plain = plain_mesh(source, nodes=50)
     assert "refinement" not in plain.metadata
     assert Provenance.from_dict(plain.metadata) == plain.provenance
     assert "facts" not in plain.certify().to_dict()
@@ -432,7 +432,7 @@ def check_of(mesh: geomesh.Mesh, part: str) -> Any:
 
 
 def test_a_bound_holds_up_to_the_greatest_error_and_not_below(source: Any) -> None:
-    plain = geomesh.mesh_raster(source, nodes=200)
+    plain = plain_mesh(source, nodes=200)
     errors = tuple(
         band.max_error for band in with_record(plain, source).provenance.refinement.bands
     )
@@ -462,7 +462,7 @@ def test_a_bound_that_was_not_reached_is_not_claimed(source: Any) -> None:
 
 
 def test_a_goal_of_nodes_or_of_an_rmse_is_checked_if_it_was_reached(source: Any) -> None:
-    plain = geomesh.mesh_raster(source, nodes=200)
+    plain = plain_mesh(source, nodes=200)
     assert failed(with_record(plain, source)) == set()
     (name,) = failed(with_record(plain, source, budget=199))
     assert "the number of nodes" in name
@@ -493,7 +493,7 @@ def angles_of(mesh: geomesh.Mesh) -> np.ndarray:
 
 
 def test_a_floor_holds_up_to_the_smallest_angle(source: Any) -> None:
-    plain = geomesh.mesh_raster(source, nodes=200)
+    plain = plain_mesh(source, nodes=200)
     least = angles_of(plain).min()
     check = check_of(with_record(plain, source, floor=least - 1e-5), FLOOR)
     assert check.passed
@@ -501,7 +501,7 @@ def test_a_floor_holds_up_to_the_smallest_angle(source: Any) -> None:
 
 
 def test_a_thin_triangle_at_the_outline_is_told_and_one_inside_fails(source: Any) -> None:
-    plain = geomesh.mesh_raster(source, nodes=80)
+    plain = plain_mesh(source, nodes=80)
     angles = angles_of(plain)
     outline = np.isin(plain.triangles, plain.constraints).any(axis=1)
     free = angles[~outline].min()
@@ -528,7 +528,7 @@ def test_a_thin_triangle_at_the_outline_is_told_and_one_inside_fails(source: Any
 
 def test_a_refined_mesh_need_not_be_delaunay_but_all_else(source: Any) -> None:
     mesh = refined(source)
-    names = [check.name for check in geomesh.mesh_raster(source, nodes=50).certify().checks]
+    names = [check.name for check in plain_mesh(source, nodes=50).certify().checks]
     without = [name for name in names if "circumcircles" not in name]
     assert len(without) == len(names) - 1
     assert [check.name for check in mesh.certify().checks][: len(without)] == without
@@ -547,7 +547,7 @@ def test_a_list_of_limits_has_one_for_each_band() -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_a_refined_mesh_is_shown_by_its_own_values(tmp_path: Path, source: Any, model: str) -> None:
     random = np.random.default_rng(1)
-    plain = geomesh.mesh_raster(source, nodes=200)
+    plain = plain_mesh(source, nodes=200)
     rows = len(plain.nodes) if model == "linear" else len(plain.triangles)
     values = random.integers(0, 255, (rows, 3)).astype(float)
     mesh = with_record(plain, source, model=model, values=values)
@@ -568,13 +568,13 @@ def test_a_refined_mesh_is_shown_by_its_own_values(tmp_path: Path, source: Any, 
 
 
 def test_a_mesh_without_refinement_has_its_own_values_too(source: Any) -> None:
-    plain = geomesh.mesh_raster(source, nodes=200)
+    plain = plain_mesh(source, nodes=200)
     assert plain.psnr(source) == plain.psnr(source, fit="least_squares", model="linear")
     stored = plain.psnr(source, fit="stored").rmse
     assert stored == pytest.approx(plain.psnr(source, fit="sampled").rmse)
     means = plain.psnr(source, fit="stored", model="constant").rmse
     assert means == pytest.approx(plain.psnr(source, model="constant").rmse)
-    no_mean = geomesh.mesh_raster(source, nodes=50, statistics=("std",))
+    no_mean = plain_mesh(source, nodes=50, statistics=("std",))
     with pytest.raises(MeshFileError, match="triangles of the mesh have no values in b1_mean"):
         no_mean.psnr(source, fit="stored", model="constant")
     bands = (source[0][:2], *source[1:])

@@ -33,7 +33,8 @@ from rasterio.vrt import WarpedVRT
 import geomesh
 from geomesh.errors import GeomeshError, GeomeshWarning
 from geomesh.io.read import read_mesh
-from support.cases import FEWER, NO_KEYPOINTS, SOURCES, Case, text_file
+from geomesh.recipe import DEFAULT_PRESET
+from support.cases import FEWER, FLAT, NO_MORE, SOURCES, Case, text_file
 from support.commands import Geomesh, assert_refused, snapshot
 from support.rasters import COLS, MARS, NORTH_UP, ROWS, SIZE, UTM, picture, raster, write_raster
 
@@ -76,15 +77,22 @@ def bounds(west: float, south: float, east: float, north: float, **rest: Any) ->
     return Case(raster(), {"bounds": (west, south, east, north)}, **rest)
 
 
+def has_preset(case: Case) -> bool:
+    return not callable(case.options) and "preset" in case.options
+
+
 def setting(name: str, value: Any, **rest: Any) -> Case:
     """Return a case with a recipe value. Unless `rest` says otherwise, the error names it."""
     return Case(raster(), {name: value}, **({"refused": name, "names": name} | rest))
 
 
+# What presets say if they cannot have so many nodes.
+MANY = {"adaptive": f"of the .* requested {NO_MORE}", "features": FEWER}
+
 OPTIONS: dict[str, Case] = {
     "--bounds of a part": bounds(WEST, NORTH - 300, WEST + 600, NORTH, valid=200),
     "--bounds around one centre": bounds(
-        WEST + 41, NORTH - 49, WEST + 49, NORTH - 41, valid=1, warns=(NO_KEYPOINTS,)
+        WEST + 41, NORTH - 49, WEST + 49, NORTH - 41, valid=1, of_preset=FLAT
     ),
     "--bounds between pixel centres": bounds(
         WEST + 31, NORTH - 39, WEST + 39, NORTH - 31, refused="--bounds contains no centre"
@@ -167,8 +175,8 @@ OPTIONS: dict[str, Case] = {
     "--nodes 1": setting(
         "nodes", 1, refused=None, warns=("the outline alone needs .* more than the 1 requested",)
     ),
-    "--nodes 200%": setting("nodes", "200%", refused=None, warns=(FEWER,), valid=SIZE),
-    "--nodes 10**18": setting("nodes", 10**18, refused=None, warns=(FEWER,), valid=SIZE),
+    "--nodes 200%": setting("nodes", "200%", refused=None, of_preset=MANY, valid=SIZE),
+    "--nodes 10**18": setting("nodes", 10**18, refused=None, of_preset=MANY, valid=SIZE),
     "--set of an unknown name": setting("cany_low", 50, refused="choose from .*canny_low"),
     **{
         f"--set {name}={json.dumps(value)}": setting(name, value)
@@ -214,6 +222,15 @@ OPTIONS: dict[str, Case] = {
 }
 
 CASES = SOURCES | OPTIONS
+
+# Cases that end with a mesh are tested with each preset that users are likely to use; what is
+# refused does not depend on it.
+WITH_PRESETS = [
+    pytest.param(case, preset, id=name if preset == DEFAULT_PRESET else f"{name}, {preset}")
+    for name, case in CASES.items()
+    for preset in ("adaptive", "features")
+    if preset == DEFAULT_PRESET or (case.refused is None and not has_preset(case))
+]
 
 
 # Sources for the library only: callables that get a folder and an ExitStack.
@@ -410,13 +427,15 @@ def arguments(options: Mapping[str, Any]) -> list[str]:
 # --------------------------------------------------------------------------- tests
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_library_gives_a_sound_mesh_or_one_helpful_line(tmp_path: Path, case: Case) -> None:
+@pytest.mark.parametrize(("case", "preset"), WITH_PRESETS)
+def test_library_gives_a_sound_mesh_or_one_helpful_line(
+    tmp_path: Path, case: Case, preset: str
+) -> None:
     source, options = case.prepare(tmp_path / "in")
     if case.refused is None:
-        mesh, told = mesh_of(source, options)
+        mesh, told = mesh_of(source, {"preset": preset, **options})
         assert_sound(mesh, case.valid)
-        assert_warned(told, case.warns)
+        assert_warned(told, case.warned(preset))
     else:
         with pytest.raises(GeomeshError) as refusal:
             mesh_of(source, options)
@@ -435,7 +454,7 @@ def test_command_line_writes_a_mesh_or_changes_nothing(
         before = snapshot(tmp_path)
         run = command("mesh", "-o", output, *given)
         assert run.code == 0, run.err
-        assert_warned(run.warnings(), case.warns)
+        assert_warned(run.warnings(), case.warned(DEFAULT_PRESET))
         assert snapshot(tmp_path).keys() - before.keys() == {"mesh.gpkg"}
         assert_sound(read_mesh(output), case.valid)
     else:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ROWS, COLS = 150, 200
+PRESETS = ("features", "adaptive")
 # Simplified by a quarter of a pixel, and moved to a grid of half a pixel.
 REACH = 0.25 + GAP * 2**0.5
 LINE = shapely.LineString([(-20, 10), (90.3, 40.7), (120, 130), (60, 90), (60.2, 20)])
@@ -85,7 +86,7 @@ def assert_followed(mesh: geomesh.Mesh, lines: Any, reach: float = REACH) -> Non
 
 
 def test_a_line_becomes_edges_with_their_own_kind_of_nodes() -> None:
-    mesh = made(LINE)
+    mesh = made(LINE, preset="features")
     assert_followed(mesh, LINE)
     kinds = mesh.node_table["kind"]
     on_line = np.unique(inner_constraints(mesh).reshape(-1, 2), axis=0)
@@ -128,7 +129,8 @@ def test_random_lines_on_random_data(data: Any) -> None:
     ]
     lines += [shapely.LineString([(-5, 0.3), (60, rng.uniform(0, 2))])]
     together = shapely.multilinestrings(lines)
-    mesh = made(together, image, nodata=0, nodes=data.draw(st.sampled_from([None, 50])))
+    nodes, preset = (data.draw(st.sampled_from(choices)) for choices in ((None, 50), PRESETS))
+    mesh = made(together, image, nodata=0, nodes=nodes, preset=preset)
     assert_followed(mesh, shapely.union_all(lines), reach=2 * REACH)
 
 
@@ -162,11 +164,11 @@ def test_hundreds_of_crossings() -> None:
     x, y = np.arange(5, 195, 8.3), np.arange(5, 145, 8.7)
     lines = [[(a, 2), (a + 3, 148)] for a in x] + [[(2, b), (198, b - 2)] for b in y]
     lines = shapely.multilinestrings(lines)
-    mesh = made(lines)
+    mesh = made(lines, preset="features")
     assert_followed(mesh, lines)
     star = np.column_stack([np.cos(np.arange(0, 99) * 2.4), np.sin(np.arange(0, 99) * 2.4)])
     scribble = shapely.LineString(star * 60 + 70)
-    assert_followed(made(scribble), scribble)
+    assert_followed(made(scribble, preset="features"), scribble)
 
 
 def test_duplicates_and_nearly_duplicates_are_one_line() -> None:
@@ -209,14 +211,15 @@ def test_lines_that_leave_nothing_inside_say_so(line: Any) -> None:
     assert mesh.provenance.breaklines.lines == 0
 
 
-def test_the_budget_counts_the_nodes_of_breaklines() -> None:
-    mesh = made(LINE, nodes=150)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_budget_counts_the_nodes_of_breaklines(preset: str) -> None:
+    mesh = made(LINE, nodes=150, preset=preset)
     assert len(mesh.nodes) == 150
     with pytest.warns(GeomeshWarning, match="the outline and breaklines need .* than the 20 req"):
-        made(shapely.Point(90, 70).buffer(40), nodes=20)
+        made(shapely.Point(90, 70).buffer(40), nodes=20, preset=preset)
 
 
-@pytest.mark.parametrize("preset", ["features", "adaptive"])
+@pytest.mark.parametrize("preset", PRESETS)
 def test_presets_that_follow_the_raster(preset: str) -> None:
     assert_followed(made(LINE, preset=preset), LINE)
     assert_followed(made(LINE, preset=preset, domain="image"), LINE)
@@ -303,7 +306,7 @@ def test_triangulations_with_lines_are_the_same_by_tiles(seed: int) -> None:
 
 
 def test_only_a_mesh_with_breaklines_may_have_inner_constraints() -> None:
-    mesh = made(LINE)
+    mesh = made(LINE, preset="features")  # with a certificate that says Delaunay
     facts = {
         "constraints": mesh.constraints,
         "plane_scale": mesh.plane_scale,
@@ -487,7 +490,8 @@ def test_breaklines_are_kept_in_a_file_and_with_another_name_of_theirs(tmp_path:
     mesh = geomesh.read_mesh(output)
     assert_followed(mesh, LINE)
     assert mesh.provenance.breaklines.name == str(lines)
-    assert set(mesh.node_table["kind"]) == {"border", "breakline", "feature"}
+    kinds = set(mesh.node_table["kind"])
+    assert {"border", "breakline", "refined"} <= kinds
     assert "breaklines" in run_program("info", output).out
     lines = lines.rename(tmp_path / "renamed.gpkg")
     assert '"skipped": true' in run_program(*command, "--breaklines", lines).out

@@ -52,8 +52,9 @@ def test_the_columns_of_a_mesh_are_known_in_advance(
             assert expected == len(mesh.attributes(layer)), (layer, values)
 
 
+@pytest.mark.parametrize(("preset", "columns"), [("adaptive", 3133), ("features", 2093)])
 def test_too_many_bands_for_a_geopackage_are_refused_before_the_work(
-    tmp_path: Path, command: Geomesh, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, command: Geomesh, monkeypatch: pytest.MonkeyPatch, preset: str, columns: int
 ) -> None:
     source, output = many_bands(tmp_path, 520), tmp_path / "mesh.gpkg"
 
@@ -62,15 +63,18 @@ def test_too_many_bands_for_a_geopackage_are_refused_before_the_work(
 
     with monkeypatch.context() as patched:
         patched.setattr(mesh_file, "mesh_scene", work)
-        error = command("mesh", source, "-o", output).error()
+        error = command("mesh", source, "-o", output, "--preset", preset).error()
     assert re.search(
-        r"mesh\.gpkg .* at most 1998 attributes .* triangles would have 2093: compute one "
+        rf"mesh\.gpkg .* at most 1998 attributes .* triangles would have {columns}: compute one "
         r"statistic with --stats mean, or choose fewer bands with --bidx, or write \.parquet$",
         error,
     )
+    if preset == "adaptive":
+        return  # it takes long with so many bands, and its columns are counted in the same way
     # Each way out that it names:
     for options in (("--stats", "mean"), ("--bidx", "1,2,3"), ("-f", "Parquet")):
-        assert command("mesh", source, "-o", output, "--overwrite", *options).code == 0
+        done = command("mesh", source, "-o", output, "--overwrite", "--preset", preset, *options)
+        assert done.code == 0
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import pickle
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import geopandas as gpd
 import numpy as np
@@ -46,7 +47,8 @@ def test_every_sample_gives_a_certified_mesh(sample, preset):
 
 @pytest.mark.parametrize("min_hole", [1, 64])
 def test_counts_add_up_to_the_valid_pixels(sample, min_hole):
-    mesh = geomesh.mesh_raster(sample, min_hole=min_hole)
+    mesh = geomesh.mesh_raster(sample, min_hole=min_hole, effort="fast")
+    assert mesh.certify().passed
     valid = mask_of(sample)
     assert mesh.domain.valid_pixels == valid.sum()
     counted = mesh.triangle_table["count"].sum()
@@ -98,25 +100,26 @@ def test_colours_are_those_of_the_image(olinda):
 
 @pytest.mark.parametrize("budget", [50, 500, "0.5%"])
 def test_the_node_budget_counts_all_nodes_and_is_met(olinda, budget):
-    mesh = geomesh.mesh_raster(olinda, nodes=budget)
     expected = budget if isinstance(budget, int) else round(0.005 * 349 * 352)
-    assert len(mesh.nodes) == expected
-    features = mesh.nodes[mesh.node_table["kind"] == "feature"]
-    halves = np.histogram2d(*features.T, bins=2, range=[(0, 349), (0, 352)])[0]
-    assert halves.min() > 0.1 * len(features)
+    for preset in ("adaptive", "features"):
+        mesh = geomesh.mesh_raster(olinda, nodes=budget, preset=preset)
+        assert len(mesh.nodes) == expected
+        inside = mesh.nodes[mesh.node_table["kind"] != "border"]
+        halves = np.histogram2d(*inside.T, bins=2, range=[(0, 349), (0, 352)])[0]
+        assert halves.min() > 0.1 * len(inside)
 
 
 def test_a_smaller_budget_keeps_a_part_of_the_features_of_a_larger_one(olinda):
     """The cells depend on the budget, but the strongest features are in both meshes."""
-    large = geomesh.mesh_raster(olinda, nodes=1000)
-    small = geomesh.mesh_raster(olinda, nodes=200)
+    large = geomesh.mesh_raster(olinda, preset="features", nodes=1000)
+    small = geomesh.mesh_raster(olinda, preset="features", nodes=200)
     kept = small.nodes[small.node_table["kind"] == "feature"]
     distance, _ = cKDTree(large.nodes[large.node_table["kind"] == "feature"]).query(kept)
     assert (distance == 0).mean() > 0.9
 
 
 def test_features_keep_their_spacing_and_lie_on_the_lattice(olinda):
-    mesh = geomesh.mesh_raster(olinda, min_spacing=5)
+    mesh = geomesh.mesh_raster(olinda, preset="features", min_spacing=5)
     features = mesh.nodes[mesh.node_table["kind"] == "feature"]
     nearest, _ = cKDTree(features).query(features, k=2)
     assert nearest[:, 1].min() >= 5
@@ -143,20 +146,22 @@ def test_the_order_of_tiles_does_not_matter(monkeypatch):
     image = mirrored(SAMPLES / "sanfrancisco_landsat7_nrg_uint8.tif", 1300, 1200)
     image = np.ma.masked_equal(image, 0)
     source = (image, Affine(30, 0, 0, 0, -30, 0), "EPSG:32610")
-    forward = geomesh.mesh_raster(source)
+    forward = geomesh.mesh_raster(source, preset="features")
 
     def backward(*args, **options):
         return plan_tiles(*args, **options)[::-1]
 
     monkeypatch.setattr("geomesh.features.detect.plan_tiles", backward)
     assert len(backward(forward.grid.extent)) == 4
-    assert_identical(forward, geomesh.mesh_raster(source))
+    assert_identical(forward, geomesh.mesh_raster(source, preset="features"))
 
 
 @pytest.mark.parametrize("domain", ["valid", "image", "hull"])
 def test_the_domain_is_what_was_asked_for(domain):
     path = SAMPLES / "parana_landsat8_rgb_uint16_nodata_edge.tif"
-    mesh = geomesh.mesh_raster(path, domain=domain)
+    # A refined mesh has no hull: see test_adaptive.py.
+    options = {"preset": "features"} if domain == "hull" else {}
+    mesh = geomesh.mesh_raster(path, domain=domain, **options)
     covered = mesh.to_geodataframe().union_all()
     pixel = 30 * 30
     share = covered.area / (512 * 512 * pixel)
@@ -190,17 +195,21 @@ def test_turning_the_grid_turns_the_mesh(olinda):
 
 def test_bands_and_gray_can_be_chosen():
     path = SAMPLES / "olinda_landsat7_6band_uint8.tif"
-    mesh = geomesh.mesh_raster(path, bidx=[4, 3], gray="band:4")
+    mesh_of = partial(geomesh.mesh_raster, path, preset="features")
+    mesh = mesh_of(bidx=[4, 3], gray="band:4")
     assert [c for c in mesh.triangle_table if c.endswith("mean")] == ["b4_nir_mean", "b3_red_mean"]
-    other = geomesh.mesh_raster(path, bidx=[4, 3], gray="band:3")
+    other = mesh_of(bidx=[4, 3], gray="band:3")
     assert len(mesh.nodes) != len(other.nodes)
-    alone = geomesh.mesh_raster(path, bidx=[4])
+    alone = mesh_of(bidx=[4])
     np.testing.assert_array_equal(alone.nodes, mesh.nodes)
 
 
 def test_only_the_statistics_asked_for_are_kept(olinda):
-    mesh = geomesh.mesh_raster(olinda, statistics=("max",))
-    assert list(mesh.triangle_table) == ["count", "red_max", "green_max", "blue_max", "color"]
+    for preset, errors in (("adaptive", ["rmse", "max_error"]), ("features", [])):
+        mesh = geomesh.mesh_raster(olinda, preset=preset, statistics=("max",))
+        told = ["max", *errors]
+        columns = [f"{band}_{each}" for band in ("red", "green", "blue") for each in told]
+        assert list(mesh.triangle_table) == ["count", *columns, "color"]
 
 
 def test_a_mesh_can_be_made_again_from_its_metadata(olinda):
@@ -229,9 +238,10 @@ def test_warnings_are_given_and_kept():
     assert "no georeference" in mesh.metadata["warnings"][0]
 
 
-def test_progress_rises_to_one_and_can_cancel(olinda):
+@pytest.mark.parametrize("preset", ["adaptive", *PRESETS])
+def test_progress_rises_to_one_and_can_cancel(olinda, preset):
     told = []
-    geomesh.mesh_raster(olinda, progress=lambda fraction, message: told.append((fraction, message)))
+    geomesh.mesh_raster(olinda, preset=preset, progress=lambda *news: told.append(news))
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert (fractions[0], fractions[-1]) == (0, 1)
@@ -245,7 +255,7 @@ def test_progress_rises_to_one_and_can_cancel(olinda):
             raise CancelledError
 
     with pytest.raises(CancelledError):
-        geomesh.mesh_raster(olinda, progress=cancel)
+        geomesh.mesh_raster(olinda, preset=preset, progress=cancel)
 
 
 def test_unknown_parameters_are_named():
@@ -264,7 +274,7 @@ def test_no_warning_of_another_library_reaches_the_user(sample):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", GeomeshWarning)
-        geomesh.mesh_raster(sample)
+        geomesh.mesh_raster(sample, effort="fast")
 
 
 def test_band_descriptions_say_what_to_show_as_colour():
@@ -303,9 +313,13 @@ def test_statistics_of_float32_are_taken_in_float64():
 
 def test_threads_do_not_get_each_others_warnings():
     names = ["sanfrancisco_landsat7_nrg_uint8.tif", "olinda_landsat7_rgb_uint8.tif"] * 4
-    alone = {name: geomesh.mesh_raster(SAMPLES / name) for name in set(names)}
+
+    def mesh_of(name):
+        return geomesh.mesh_raster(SAMPLES / name, preset="features")
+
+    alone = {name: mesh_of(name) for name in set(names)}
     with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda name: geomesh.mesh_raster(SAMPLES / name), names))
+        together = list(pool.map(mesh_of, names))
     for name, mesh in zip(names, together, strict=True):
         assert mesh.metadata["warnings"] == alone[name].metadata["warnings"]
         assert_identical(mesh, alone[name])
@@ -320,5 +334,5 @@ def test_features_outside_the_domain_take_nothing_from_the_budget(budget):
 
 
 def test_a_threshold_beyond_every_gradient_finds_nothing(olinda):
-    mesh = geomesh.mesh_raster(olinda, canny_high=1e200)
+    mesh = geomesh.mesh_raster(olinda, preset="features", canny_high=1e200)
     assert "no keypoints" in mesh.metadata["warnings"][0]

@@ -6,6 +6,7 @@ A test in test_packaging.py checks, with the wheel, that rio finds the commands.
 from __future__ import annotations
 
 import click
+import numpy as np
 import pytest
 import rasterio.env
 from click.testing import CliRunner
@@ -31,10 +32,12 @@ def rio(monkeypatch):
 
 def test_rio_makes_the_same_mesh(rio, tmp_path):
     stdout, stderr = rio("geomesh", "mesh", OLINDA, "-o", tmp_path / "mesh.gpkg", "--nodes", 300)
-    assert stdout.strip().endswith("300 nodes, 495 triangles, certified")
+    expected = geomesh.mesh_raster(OLINDA, nodes=300)
+    count = len(expected.triangles)
+    assert stdout.strip().endswith(f"300 nodes, {count} triangles, certified")
     assert stderr == ""
     made = geomesh.read_mesh(tmp_path / "mesh.gpkg")
-    assert (made.triangles == geomesh.mesh_raster(OLINDA, nodes=300).triangles).all()
+    assert np.array_equal(made.triangles, expected.triangles)
 
 
 def test_errors_are_one_line_and_exit_with_1(rio, tmp_path):

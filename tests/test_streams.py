@@ -174,9 +174,10 @@ def test_odd_names_are_told_on_one_line_each(tmp_path: Path, command: Geomesh) -
     assert "\x1b[31m" not in run.out + run.err
     for name in ODD_NAMES:
         assert f"{tmp_path / 'out' / printable(name)}.gpkg: " in run.out
-    measured = command("quality", tmp_path / "out" / "[bold]markup[x].gpkg")
+    odd = tmp_path / "out" / "[bold]markup[x].gpkg"
+    title = f"{odd.name}: {len(read_mesh(odd).nodes)} nodes"
     # The title of the table is folded.
-    assert measured.out.replace("\n", "").count("[bold]markup[x].gpkg: 60 nodes") == 1
+    assert command("quality", odd).out.replace("\n", "").count(title) == 1
 
 
 class Broken(io.RawIOBase):

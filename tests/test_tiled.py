@@ -307,7 +307,12 @@ def test_few_points_are_triangulated_twice(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
 @pytest.mark.parametrize(
-    "recipe", [{"domain": "valid"}, {"domain": "hull"}, {"preset": "paper", "domain": "valid"}]
+    "recipe",
+    [
+        {"domain": "valid"},
+        {"preset": "features", "domain": "hull"},
+        {"preset": "paper", "domain": "valid"},
+    ],
 )
 def test_a_mesh_does_not_depend_on_the_threshold(monkeypatch, recipe):
     path = SAMPLES / "bahamas_landsat7_rgb_nodata_collar.tif"

@@ -38,8 +38,12 @@ NO_CRS = "has no CRS, so the mesh has no CRS either"
 IN_PIXELS = "the mesh is in pixel coordinates, without a CRS"
 NO_KEYPOINTS = "no keypoints found .* the outline only"
 FEWER = "of the .* requested nodes: the image has no more keypoints"
+NO_MORE = "nodes: no more fit where the surface differs from the raster"
 IMPOSSIBLE = "no pixel of .* can have the nodata value"
 NO_HULL = "span no area: the mesh covers the whole frame"
+# What presets say of a raster without features, and of one that is two pixels wide.
+FLAT = {"adaptive": f"only .* {NO_MORE}|^$", "features": NO_KEYPOINTS}
+THIN = {"adaptive": "^$", "features": f"{NO_KEYPOINTS}|^$"}
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,8 @@ class Case:
         Text that the error must contain. Default: the name of the source file.
     warns : tuple of str
         Patterns of the warnings. Each warning matches a pattern, and each pattern a warning.
+    of_preset : mapping of str to str
+        Pattern of a warning that only one preset gives.
     valid : int, optional
         Number of valid pixels.
     """
@@ -67,7 +73,12 @@ class Case:
     refused: str | None = None
     names: str | None = None
     warns: tuple[str, ...] = ()
+    of_preset: Mapping[str, str] = field(default_factory=dict)
     valid: int | None = None
+
+    def warned(self, preset: str) -> tuple[str, ...]:
+        """Return the patterns of the warnings that a preset gives."""
+        return (*self.warns, *(text for name, text in self.of_preset.items() if name == preset))
 
     def prepare(self, folder: Path) -> tuple[Any, Mapping[str, Any]]:
         """Write the files of the source and the options into `folder`, and return both."""
@@ -292,7 +303,7 @@ SOURCES: dict[str, Case] = {
     "all nan": Case(
         raster(np.full((1, ROWS, COLS), np.nan, np.float32)), refused="no valid pixel .* --nodata"
     ),
-    "constant": Case(raster(constant(ROWS, COLS)), warns=(NO_KEYPOINTS,), valid=SIZE),
+    "constant": Case(raster(constant(ROWS, COLS)), of_preset=FLAT, valid=SIZE),
     "constant, paper": Case(
         raster(constant(ROWS, COLS)), {"preset": "paper"}, warns=(NO_HULL,), valid=SIZE
     ),
@@ -300,14 +311,14 @@ SOURCES: dict[str, Case] = {
         f"{rows} x {cols}, {preset}": Case(
             raster(picture(3, rows, cols)),
             {"preset": preset},
-            warns=(NO_KEYPOINTS if preset == "features" else f"{NO_HULL}|^$",),
+            warns=(f"{NO_HULL}|^$",) if preset == "paper" else (FLAT[preset],),
             valid=rows * cols,
         )
         for rows, cols in ((1, 1), (1, 7), (7, 1), (2, 2), (3, 3))
-        for preset in ("features", "paper")
+        for preset in ("adaptive", "features", "paper")
     },
-    "20000 x 2": Case(raster(picture(1, 2, 20_000)), valid=40_000, warns=(f"{NO_KEYPOINTS}|^$",)),
-    "2 x 20000": Case(raster(picture(1, 20_000, 2)), valid=40_000, warns=(f"{NO_KEYPOINTS}|^$",)),
+    "20000 x 2": Case(raster(picture(1, 2, 20_000)), valid=40_000, of_preset=THIN),
+    "2 x 20000": Case(raster(picture(1, 20_000, 2)), valid=40_000, of_preset=THIN),
     **{
         f"{value} among float32": Case(raster(holed(value, "float32")), valid=SIZE - 120)
         for value in (np.nan, np.inf, -np.inf)

@@ -83,6 +83,11 @@ def with_record(
     )
 
 
+def plain_mesh(source: Source, **options: Any) -> Mesh:
+    """Return a mesh that is not refined: its nodes are features, and its values are sampled."""
+    return mesh_raster(source, preset="features", **options)
+
+
 def refined(source: Source, nodes: int = 200, **options: Any) -> Mesh:
     """Return the mesh of a raster with features, as if refinement had made it."""
-    return with_record(mesh_raster(source, nodes=nodes), source, **options)
+    return with_record(plain_mesh(source, nodes=nodes), source, **options)
