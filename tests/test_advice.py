@@ -398,7 +398,7 @@ def test_the_command_that_is_advised_works(folder: Path, advice: Advice, command
 def test_a_warning_of_a_batch_names_its_raster_once(folder: Path, command: Geomesh) -> None:
     sources = [write_raster(folder, f"{name}.tif", crs=None) for name in ("a", "b")]
     smooth(folder)
-    run = command("mesh", *sources, "scene.tif", "-o", "out/")
+    run = command("mesh", *sources, "scene.tif", "-o", "out/", "--preset", "features")
     warnings = [line for line in run.err.splitlines() if line.startswith("Warning: ")]
     assert len(warnings) == 3
     for source, line in zip([*sources, "scene.tif"], warnings, strict=True):
