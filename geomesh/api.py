@@ -47,6 +47,7 @@ class Mesh(TriangleMesh):
         layers: Iterable[LayerName] | None = None,
         driver: str | None = None,
         overwrite: bool = False,
+        solid: float | None = None,
         progress: Callable[[float, str], None] | None = None,
     ) -> Path:
         """Write the mesh to a file; see `geomesh.io.write.write_mesh`.
@@ -60,12 +61,20 @@ class Mesh(TriangleMesh):
             Name of a format (see docs/formats.md). Default: from the extension of `path`.
         overwrite : bool
             Replace an existing file.
+        solid : float, optional
+            Of an STL file: write a closed solid with its base at this height.
         progress : callable(fraction, message), optional
         """
+        from geomesh.formats.format import WriteOptions
         from geomesh.io.write import write_mesh
 
         return write_mesh(
-            self, path, layers=layers, driver=driver, overwrite=overwrite, progress=progress
+            *(self, path),
+            layers=layers,
+            driver=driver,
+            overwrite=overwrite,
+            options=WriteOptions(solid),
+            progress=progress,
         )
 
     def refine(

@@ -132,6 +132,11 @@ RULES: Mapping[str, Rule] = {
     "model": _one_of(MODELS),
     "effort": _one_of(EFFORTS),
     "keep_features": _FLAG,
+    "z": (
+        lambda value: value is None or (isinstance(value, str) and value != "") or _is_whole(value),
+        "the number of a band (the first is 1), its name, or null",
+    ),
+    "z_factor": (lambda value: _is_number(value) and value != 0, "a number other than 0"),
     "statistics": (
         lambda value: isinstance(value, tuple) and all(name in STATISTICS for name in value),
         f"some of {', '.join(STATISTICS)}",

@@ -112,6 +112,11 @@ class Recipe:
         How much time refinement takes for a better mesh.
     keep_features : bool
         Refinement does not move or remove the feature nodes.
+    z : int, str or None
+        The band that is the height of the nodes, by number (the first is 1) or by name. None:
+        the mesh is flat.
+    z_factor : float
+        Factor by which the heights are multiplied, such as 0.3048 from feet to metres.
     statistics : tuple of {"mean", "std", "min", "max", "median", "majority", "variety"}
         What to compute for each triangle and each band: also the median, the most frequent
         value, and the number of distinct values. For the classes of a palette only the last
@@ -147,6 +152,8 @@ class Recipe:
     model: Model = "linear"
     effort: Effort = "normal"
     keep_features: bool = False
+    z: int | str | None = None
+    z_factor: float = 1.0
     statistics: tuple[str, ...] = DEFAULT_STATISTICS
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console
+from geomesh.cli.height_options import height_options
 from geomesh.cli.options import layer_options, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.streams import echo
@@ -18,6 +19,7 @@ from geomesh.cli.streams import echo
 @click.argument("mesh_file", metavar="MESH")
 @click.option("-o", "--output", required=True, metavar="OUT", help="File to write.")
 @layer_options
+@height_options
 @output_options
 @click.pass_obj
 def convert(
@@ -27,6 +29,9 @@ def convert(
     output: str,
     layers: tuple[Any, ...] | None,
     driver: str | None,
+    solid: float | None,
+    z: int | str | None,
+    z_factor: float | None,
     overwrite: bool,
     progress: str | None,
     as_json: bool,
@@ -42,20 +47,25 @@ def convert(
     console = open_console(progress, quiet=as_json)
     console.start("convert", mesh_file)
     with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.formats.format import WriteOptions
         from geomesh.io.read import read_mesh
         from geomesh.io.write import check_output, write_mesh
         from geomesh.parallel.progress import part_of
 
         protect_inputs([output], [mesh_file])
-        check_output(output, overwrite=overwrite, driver=driver)
+        options = WriteOptions(solid)
+        check_output(output, overwrite=overwrite, driver=driver, options=options)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)
+        if z is not None or z_factor is not None:
+            read = read.with_height(z, 1.0 if z_factor is None else z_factor)
         write_mesh(
             read,
             output,
             layers=layers,
             driver=driver,
             overwrite=overwrite,
+            options=options,
             progress=part_of(report, 0.3, 1),
         )
     outcome: dict[str, Any] = {"source": mesh_file, "error": "".join(failures[:1])}

@@ -19,6 +19,7 @@ from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.recipe_options import build_recipe
 from geomesh.cli.streams import echo, printable
 from geomesh.errors import OutputError
+from geomesh.formats.format import WriteOptions
 from geomesh.formats.registry import EXTENSIONS, find_format
 from geomesh.parameters import STATISTICS
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
@@ -141,6 +142,7 @@ def _plan(
     output: str,
     reading: dict[str, Any],
     recipe_options: dict[str, Any],
+    solid: float | None,
     **writing: Any,
 ) -> _Plan:
     """Return one job for each source. Raise OutputError if an output would replace an input."""
@@ -151,7 +153,7 @@ def _plan(
         [*sources, reading["mask"], writing["breaklines"], recipe_options["recipe_file"]],
     )
     jobs = tuple(
-        MeshJob(source, path, recipe, reading=reading, **writing)
+        MeshJob(source, path, recipe, reading=reading, options=WriteOptions(solid), **writing)
         for source, path in zip(sources, paths, strict=True)
     )
     new_folder = folder if folder is not None and _make_folder(folder) else None

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
+from geomesh.cli.height_options import HEIGHT_OPTIONS
 from geomesh.cli.reading_options import READING, READING_OPTIONS
 from geomesh.cli.recipe_options import FEATURE_OPTIONS, GOAL_OPTIONS, RECIPE
 from geomesh.formats.registry import DRIVERS
@@ -53,7 +54,7 @@ def raster_options(command: Callable[..., None]) -> Callable[..., None]:
         command(*arguments, reading=reading, recipe_options=recipe_options, **options)
 
     decorated: Callable[..., None] = gathered
-    for option in reversed((*GOAL_OPTIONS, *READING_OPTIONS, *FEATURE_OPTIONS)):
+    for option in reversed((*GOAL_OPTIONS, *HEIGHT_OPTIONS, *READING_OPTIONS, *FEATURE_OPTIONS)):
         decorated = option(decorated)
     return decorated
 
@@ -73,6 +74,12 @@ def layer_options(command: Command) -> Command:
             metavar="LAYER,...",
             help=f"Layers to write: {', '.join(LAYERS)}. "
             "Default: all in a GeoPackage, triangles in other formats.",
+        ),
+        click.option(
+            "--solid",
+            type=float,
+            metavar="BASE",
+            help="Of an STL file: a closed solid with its base at the height BASE, to print.",
         ),
     ):
         command = option(command)

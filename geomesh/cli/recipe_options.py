@@ -16,7 +16,16 @@ from geomesh.recipe import DEFAULT_PRESET, PRESETS, Recipe
 # Keywords of `build_recipe`.
 RECIPE = (
     *("preset", "recipe_file", "nodes", "max_error", "rmse", "min_angle", "model", "effort"),
-    *("keep_features", "gray", "sift_upsample", "domain", "statistics", "settings"),
+    *(
+        "keep_features",
+        "z",
+        "z_factor",
+        "gray",
+        "sift_upsample",
+        "domain",
+        "statistics",
+        "settings",
+    ),
 )
 
 _NAMES = ", ".join(field.name for field in fields(Recipe) if field.name != "preset")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geomesh.arrays.table import Table
-    from geomesh.arrays.types import Points
+    from geomesh.arrays.types import Floats, Points
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parameters import LayerName
 
@@ -28,6 +28,7 @@ GeometryType = Literal["Point", "LineString", "Polygon"]
 _LITTLE_ENDIAN = 1
 _NO_ASCII = 128  # the first code point outside ASCII
 _WKB_CODES: dict[GeometryType, int] = {"Point": 1, "LineString": 2, "Polygon": 3}
+_WITH_Z = 1000  # added to the code
 _WKB_COUNTS: dict[GeometryType, tuple[str, ...]] = {
     "Point": (),
     "LineString": ("vertices",),
@@ -49,6 +50,8 @@ class Layer:
     vertices : int32 (R, V)
         Node ids of each geometry; rings are closed.
     geometry_type : {"Polygon", "LineString", "Point"}
+    heights : float64 (N,), optional
+        Third coordinate of the points; None if they have two.
     """
 
     name: LayerName
@@ -56,20 +59,27 @@ class Layer:
     points: Points
     vertices: NDArray[np.int32]
     geometry_type: GeometryType
+    heights: Floats | None = None
 
     @classmethod
     def of(cls, mesh: TriangleMesh, name: LayerName) -> Layer:
         """Return the layer `name` of a mesh."""
-        columns, points = mesh.attributes(name), mesh.map_nodes
+        columns, points, heights = mesh.attributes(name), mesh.map_nodes, mesh.heights
         if name == "triangles":
-            return cls(name, columns, points, mesh.triangles[:, [0, 1, 2, 0]], "Polygon")
+            rings = mesh.triangles[:, [0, 1, 2, 0]]
+            return cls(name, columns, points, rings, "Polygon", heights)
         if name == "edges":
-            return cls(name, columns, points, mesh.edges.nodes, "LineString")
+            return cls(name, columns, points, mesh.edges.nodes, "LineString", heights)
         each = np.arange(len(points), dtype=np.int32)[:, None]
-        return cls(name, columns, points, each, "Point")
+        return cls(name, columns, points, each, "Point", heights)
 
     def __len__(self) -> int:
         return len(self.vertices)
+
+    @property
+    def full_type(self) -> str:
+        """The type of the geometry, with its third coordinate: "Polygon Z"."""
+        return self.geometry_type if self.heights is None else f"{self.geometry_type} Z"
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -117,7 +127,15 @@ class Layer:
 
     def geometry(self, rows: slice) -> pa.Array:
         """Return the WKB of the given rows."""
-        return binary(wkb(self.points[self.vertices[rows]], self.geometry_type))
+        return binary(wkb(self.coordinates(rows), self.geometry_type))
+
+    def coordinates(self, rows: slice) -> NDArray[np.float64]:
+        """Return the coordinates (R, V, 2) of the given rows, or (R, V, 3) with heights."""
+        vertices = self.vertices[rows]
+        places = self.points[vertices]
+        if self.heights is None:
+            return places
+        return np.concatenate([places, self.heights[vertices][..., None]], axis=-1)
 
 
 def _attribute(values: NDArray[Any], object_type: pa.DataType | None = None) -> pa.Array:
@@ -155,16 +173,19 @@ def _text(values: NDArray[np.str_]) -> pa.Array:
     return pa.Array.from_buffers(pa.string(), len(values), buffers)
 
 
-def wkb(xy: NDArray[np.float64], geometry_type: GeometryType) -> NDArray[Any]:
-    """Return the well-known binary of coordinates (R, V, 2), as a structured array (R,)."""
+def wkb(places: NDArray[np.float64], geometry_type: GeometryType) -> NDArray[Any]:
+    """Return the well-known binary of coordinates, as a structured array (R,).
+
+    They are (R, V, 2), or (R, V, 3) with heights.
+    """
     counts = _WKB_COUNTS[geometry_type]
     fields = [("order", "u1"), ("type", "<u4"), *((name, "<u4") for name in counts)]
-    records = np.empty(len(xy), np.dtype([*fields, ("xy", "<f8", xy.shape[1:])]))
+    records = np.empty(len(places), np.dtype([*fields, ("places", "<f8", places.shape[1:])]))
     records["order"] = _LITTLE_ENDIAN
-    records["type"] = _WKB_CODES[geometry_type]
+    records["type"] = _WKB_CODES[geometry_type] + _WITH_Z * (places.shape[-1] == 3)
     for name in counts:
-        records[name] = 1 if name == "rings" else xy.shape[1]
-    records["xy"] = xy
+        records[name] = 1 if name == "rings" else places.shape[1]
+    records["places"] = places
     return records
 
 

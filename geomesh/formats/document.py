@@ -37,6 +37,7 @@ def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
             "format": FORMAT,
             "grid": describe_grid(mesh.grid),
             "plane_size": mesh.plane_size,
+            "height": None if mesh.height is None else mesh.height.to_dict(),
             "domain": asdict(mesh.domain),
             "counts": {
                 "nodes": len(mesh.nodes),

@@ -27,6 +27,22 @@ PENDING = "@document of the mesh@"
 WriteRows = Callable[["pa.Schema", "Iterator[pa.RecordBatch]", Mapping[str, Any]], None]
 
 
+@dataclass(frozen=True)
+class WriteOptions:
+    """What a user asks of formats that can do it; see `Format.options`.
+
+    Parameters
+    ----------
+    solid : float, optional
+        Height of the base of a solid, in the unit of the mesh's heights. None: a surface.
+    """
+
+    solid: float | None = None
+
+
+PLAIN = WriteOptions()
+
+
 @dataclass(frozen=True, eq=False)
 class LayerFile:
     """A layer of a mesh and the file to write it to.
@@ -39,6 +55,7 @@ class LayerFile:
     format : Format
     document : str
         The metadata document of `geomesh.formats.document`.
+    options : WriteOptions
     """
 
     mesh: TriangleMesh
@@ -46,6 +63,11 @@ class LayerFile:
     path: Path
     format: Format
     document: str
+    options: WriteOptions = PLAIN
+
+
+def _nothing_to_say(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
+    return ()
 
 
 def _layer_of(mesh: TriangleMesh, name: LayerName) -> Layer:
@@ -105,6 +127,13 @@ class Format:
         Whether GDAL writes the format.
     most_columns, most_rows : int, optional
         Largest number of attributes and of rows of a layer, if there is a limit.
+    options : tuple of str
+        Names of the `WriteOptions` that the format knows.
+    notes : callable(mesh, options) -> tuple of str
+        Returns what the user should know before the mesh is written: an origin that is
+        subtracted, a very large file. Raises OutputError if the mesh cannot be written.
+    require : callable()
+        Imports an optional library. Raises MissingExtraError if it is not installed.
     """
 
     driver: str
@@ -121,6 +150,9 @@ class Format:
     by_gdal: bool = False
     most_columns: int | None = None
     most_rows: int | None = None
+    options: tuple[str, ...] = ()
+    notes: Callable[[TriangleMesh, WriteOptions], tuple[str, ...]] = _nothing_to_say
+    require: Callable[[], None] = lambda: None
 
     def require_room(
         self, name: LayerName, *, columns: int = 0, rows: int = 0, way_out: str = "write .parquet"

@@ -50,7 +50,7 @@ def write_by_gdal(
         "layer": file.name,
         "driver": file.format.driver,
         "geometry_name": geometry,
-        "geometry_type": layer.geometry_type,
+        "geometry_type": layer.full_type,
         "crs": portable_wkt(crs) if crs is not None and with_crs else None,
         "layer_metadata": {KEY: file.document},
         "dataset_options": dict(dataset_options or {}),

@@ -29,7 +29,7 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
     sides = ("xmin", "ymin", "xmax", "ymax")
     column = {
         "encoding": "WKB",
-        "geometry_types": [layer.geometry_type],
+        "geometry_types": [layer.full_type],
         "crs": crs.to_json_dict() if crs else None,
         "orientation": "counterclockwise",
         "bbox": layer.bounds,

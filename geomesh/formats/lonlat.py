@@ -20,6 +20,7 @@ from geomesh.arrays.table import Table
 from geomesh.errors import GeoreferenceError
 from geomesh.formats.arrow import Layer, binary, wkb
 from geomesh.formats.lonlat_cut import cut
+from geomesh.formats.lonlat_heights import Lift
 from geomesh.formats.lonlat_paths import Follower, Paths, whole_turns
 from geomesh.formats.lonlat_poles import check_poles
 from geomesh.raster.crs import LONLAT, has_angles, is_lonlat, is_on_earth
@@ -50,7 +51,7 @@ _MOST_DISTORTION = 0.1
 _SAMPLE = 100
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LonLatLayer(Layer):
     """A layer with `points` in longitude and latitude.
 
@@ -66,11 +67,14 @@ class LonLatLayer(Layer):
         Whether what is counter-clockwise on the map is clockwise here.
     decimals : int
         Number of decimals to which coordinates are rounded.
+    lift : callable, optional
+        See `geomesh.formats.lonlat_heights.Lift`. None if there are no heights.
     """
 
     follower: Follower | None
     mirrored: bool
     decimals: int
+    lift: Lift | None = None
 
     @classmethod
     def of(cls, mesh: TriangleMesh, name: LayerName) -> LonLatLayer:
@@ -106,9 +110,11 @@ class LonLatLayer(Layer):
             lonlat,
             layer.vertices,
             layer.geometry_type,
+            None if layer.heights is None else _rounded(layer.heights),
             follower=follower,
             mirrored=_is_mirrored(mesh, to_lonlat),
             decimals=enough_decimals(lonlat, mesh.triangles),
+            lift=None if mesh.heights is None else Lift(crs, mesh.map_nodes, mesh.heights),
         )
 
     def geometry(self, rows: slice) -> pa.Array:
@@ -136,9 +142,13 @@ class LonLatLayer(Layer):
             if self.mirrored:
                 path = path[::-1]
             pieces[row] = cut(path.round(self.decimals), self.geometry_type)
+            if self.lift is not None:
+                pieces[row] = self.lift(pieces[row], np.unique(nodes[row]))
+        if self.heights is not None:
+            rounded = np.concatenate([rounded, self.heights[nodes][..., None]], axis=-1)
         if self.geometry_type == "Polygon":
             # A side that is straight on the map may be a curve here: a sliver can flip over.
-            clockwise = _orientation(rounded) < 0
+            clockwise = _orientation(rounded[..., :2]) < 0
             rounded[clockwise] = rounded[clockwise][:, ::-1]
         return binary(wkb(rounded, self.geometry_type), pieces)
 

@@ -38,7 +38,7 @@ _COLOR = "color"
 
 _UNITS = {
     **dict.fromkeys(("ab", "bc", "ca", "ki", "count"), "pixel"),
-    **dict.fromkeys(("min_angle", "max_angle"), "degree"),
+    **dict.fromkeys(("min_angle", "max_angle", "slope", "aspect"), "degree"),
 }
 
 # Of the bytes that NetCDF allows (256), enough for the number of a name that occurs twice.
@@ -87,12 +87,18 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
             _add(dataset, _CRS, (), np.array(0, np.int32), _crs_attributes(crs))
         for axis, values in zip("xy", layer.points.T, strict=True):
             _add(dataset, f"mesh_node_{axis}", ("mesh_node",), values, _axis(axis, crs))
+        height = file.mesh.height
+        if layer.heights is not None and height is not None:
+            # MDAL looks for the heights of the nodes by this standard name.
+            about = {"standard_name": "altitude", "units": height.unit.replace(" ", "_")}
+            places = {"mesh": "mesh", "location": "node"} | _placed(crs)
+            _add(dataset, "mesh_node_z", ("mesh_node",), layer.heights, about | places)
         numbering = {"cf_role": "face_node_connectivity", "start_index": np.int32(0)}
         _add(dataset, _FACES, ("mesh_face", "three"), corners, numbering)
         on_nodes = {"mesh": "mesh", "location": "node"} | _placed(crs)
         for name, values in _surface(file.mesh).items():
             _add_data(dataset, name, ("mesh_node",), values.astype(np.float64), on_nodes)
-        units = {**_UNITS, "area": "pixel2" if crs is None else "m2"}
+        units = _UNITS | dict.fromkeys(("area", "area_3d"), "pixel2" if crs is None else "m2")
         on_faces = {"mesh": "mesh", "location": "face"} | _placed(crs)
         for name, values in layer.columns.items():
             is_color = name == _COLOR and values.dtype.kind == "U"

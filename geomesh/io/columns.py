@@ -8,12 +8,19 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.types as kinds
 
+from geomesh.mesh.slope import SLOPE_COLUMNS
+
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from numpy.typing import NDArray
 
     from geomesh.parameters import LayerName
+
+# Bytes of the WKB of a point without height, and the codes of points of two and of three
+# coordinates (that of the OGC, and an older one of GDAL).
+_FLAT_POINT = 21
+_POINTS = {2: (1,), 3: (1001, 0x80000001)}
 
 # Columns that geomesh computes from the nodes and triangles when it writes a mesh.
 _COMPUTED: dict[LayerName, frozenset[str]] = {
@@ -25,7 +32,9 @@ _COMPUTED: dict[LayerName, frozenset[str]] = {
 }
 
 
-def added_by_others(names: Collection[str], layer: LayerName, stored: Collection[str]) -> list[str]:
+def added_by_others(
+    names: Collection[str], layer: LayerName, stored: Collection[str], *, has_heights: bool
+) -> list[str]:
     """Return those columns of a layer that geomesh did not write.
 
     Parameters
@@ -35,8 +44,13 @@ def added_by_others(names: Collection[str], layer: LayerName, stored: Collection
     layer : {"triangles", "edges", "nodes"}
     stored : collection of str
         The columns that the metadata document lists.
+    has_heights : bool
+        Whether the mesh has heights.
     """
-    return [name for name in names if name not in _COMPUTED[layer] and name not in stored]
+    own = _COMPUTED[layer]
+    if has_heights and layer == "triangles":
+        own |= set(SLOPE_COLUMNS)
+    return [name for name in names if name not in own and name not in stored]
 
 
 def can_keep(kind: pa.DataType) -> bool:
@@ -70,16 +84,17 @@ def to_array(column: pa.ChunkedArray) -> NDArray[Any]:
 
 
 def to_points(geometry: pa.ChunkedArray) -> NDArray[np.float64] | None:
-    """Return the coordinates (N, 2) in a column of WKB, or None if not all are 2D points."""
+    """Return the coordinates (N, 2) or (N, 3) in a column of WKB, or None if not all are points."""
     column = geometry.combine_chunks()
     if isinstance(column, pa.ChunkedArray):  # without rows
         return np.empty((0, 2))
-    record = np.dtype([("order", "u1"), ("type", "<u4"), ("xy", "<f8", 2)])
     sizes = np.diff(np.frombuffer(column.buffers()[1], np.int32)[: len(column) + 1])
+    count = 3 if len(sizes) and sizes[0] > _FLAT_POINT else 2
+    record = np.dtype([("order", "u1"), ("type", "<u4"), ("places", "<f8", count)])
     if column.offset or column.null_count or (sizes != record.itemsize).any():
         return None
     records = np.frombuffer(column.buffers()[2], record, len(column))
-    if (records["order"] != 1).any() or (records["type"] != 1).any():
+    if (records["order"] != 1).any() or not np.isin(records["type"], _POINTS[count]).all():
         return None
-    xy: NDArray[np.float64] = records["xy"]
-    return xy
+    places: NDArray[np.float64] = records["places"]
+    return places

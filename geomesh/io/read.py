@@ -18,6 +18,7 @@ from geomesh.errors import GeomeshError, GeomeshWarning, MeshFileError, one_line
 from geomesh.formats.document import FORMAT, KEY
 from geomesh.io.columns import added_by_others, can_keep, to_array, to_points
 from geomesh.mesh.certificate import DomainFacts
+from geomesh.mesh.height import Height
 from geomesh.mesh.provenance import Provenance
 from geomesh.mesh.topology import build_edges
 from geomesh.mesh.triangle_mesh import TriangleMesh
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
     import pyarrow as pa
     from numpy.typing import NDArray
+
+    from geomesh.arrays.types import Points
 
 _CORNERS = ("n0", "n1", "n2")
 
@@ -86,8 +89,8 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
         CRS.from_wkt(about["crs"]) if about["crs"] else None,
     )
     pixels = np.column_stack([nodes.pop("col"), nodes.pop("row")])
-    _require_place(source, grid, pixels)
-    return TriangleMesh(
+    height = Height(**stored["height"]) if stored.get("height") else None
+    made = TriangleMesh(
         nodes=pixels,
         triangles=corners,
         grid=grid,
@@ -97,7 +100,10 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
         node_table=Table(nodes),
         triangle_table=Table(triangles),
         provenance=_read_provenance(path, document),
+        height=height,
     )
+    _require_place(source, made)
+    return made
 
 
 def _read_provenance(path: str | PathLike[str], document: dict[str, Any]) -> Provenance | None:
@@ -195,25 +201,34 @@ def _read_columns(
     return columns | {name: to_array(table[name]) for name in added}
 
 
-def _require_place(path: Path, grid: Grid, nodes: NDArray[np.float64]) -> None:
+def _require_place(path: Path, mesh: TriangleMesh) -> None:
     """Raise MeshFileError if another program moved or reprojected the nodes."""
     about, table = pyogrio.read_arrow(plain_name(path), layer="nodes", columns=["id"])
     points = to_points(table.sort_by("id")[about["geometry_name"] or "wkb_geometry"])
-    expected = grid.to_map(nodes)
-    pixel = np.abs(np.array(grid.transform[:6])[[0, 1, 3, 4]]).max()
+    expected = mesh.map_nodes
+    pixel = np.abs(np.array(mesh.grid.transform[:6])[[0, 1, 3, 4]]).max()
     allowed = _MOVED * pixel + 4 * np.finfo(np.float64).eps * np.abs(expected).max(initial=0)
-    if points is None or not (np.abs(points - expected) <= allowed).all():
+    if mesh.heights is not None:
+        expected = np.column_stack([expected, mesh.heights])
+    is_there = points is not None and points.shape == expected.shape
+    if points is None or not is_there or not _is_near(points, expected, allowed):
         raise MeshFileError(
             f"{path} has nodes that are not where geomesh put them: another program moved or "
             "reprojected them; use the file that geomesh wrote"
         )
 
 
+def _is_near(points: Points, expected: Points, allowed: float) -> bool:
+    """Return whether points (N, 2) or (N, 3) are where expected, and have exactly its heights."""
+    near = np.abs(points[:, :2] - expected[:, :2]) <= allowed
+    return bool(near.all()) and np.array_equal(points[:, 2:], expected[:, 2:], equal_nan=True)
+
+
 def _added(path: Path, layer: LayerName, stored: dict[str, Any]) -> tuple[list[str], list[str]]:
     """Return the columns that another program added: those that a mesh keeps, and the others."""
     known = dict(stored["columns"].get(layer, ()))
     fields = pyogrio.read_info(plain_name(path), layer=layer)["fields"]
-    added = added_by_others(fields, layer, known)
+    added = added_by_others(fields, layer, known, has_heights=bool(stored.get("height")))
     if not added or layer == "edges":
         return [], added
     # No row is read, only the types.

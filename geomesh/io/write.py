@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import warnings
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
-from geomesh.errors import OutputError
+from geomesh.errors import GeomeshWarning, OutputError
 from geomesh.formats.batch_stream import BatchStream
 from geomesh.formats.document import build_document
-from geomesh.formats.format import PENDING, Format, LayerFile
-from geomesh.formats.registry import find_format
+from geomesh.formats.format import PENDING, PLAIN, Format, LayerFile, WriteOptions
+from geomesh.formats.registry import FORMATS, find_format
 from geomesh.io.atomic import check_place, staged, undisturbed, writing_to
 from geomesh.parallel.processes import Process
 from geomesh.parameters import LAYERS, LayerName
@@ -31,7 +33,11 @@ _GRACE = 1.0
 
 
 def check_output(
-    path: str | PathLike[str], *, overwrite: bool = False, driver: str | None = None
+    path: str | PathLike[str],
+    *,
+    overwrite: bool = False,
+    driver: str | None = None,
+    options: WriteOptions = PLAIN,
 ) -> None:
     """Raise OutputError if the output cannot be written; call this before any work is done.
 
@@ -42,14 +48,22 @@ def check_output(
         Whether an existing file may be replaced.
     driver : str, optional
         Name of a format (see docs/formats.md); by default chosen by the extension of `path`.
+    options : WriteOptions, optional
 
     Raises
     ------
     OutputError
-        If the format is unknown, the file exists, or its folder does not exist or cannot be
-        written to.
+        If the format is unknown or does not have an option, the file exists, or its folder does
+        not exist or cannot be written to.
+    MissingExtraError
+        If the format needs a library that is not installed.
     """
-    find_format(path, driver)
+    file_format = find_format(path, driver)
+    for name, value in asdict(options).items():
+        if value is not None and name not in file_format.options:
+            able = [known.extensions[0] for known in FORMATS if name in known.options]
+            raise OutputError(f"`{name}` is for {' and '.join(able)}, not for {path}")
+    file_format.require()
     check_place(Path(path), overwrite=overwrite)
 
 
@@ -60,6 +74,7 @@ def write_mesh(
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
     overwrite: bool = False,
+    options: WriteOptions = PLAIN,
     progress: Progress | None = None,
 ) -> Path:
     """Write a mesh if it passes its certificate; the file is complete or does not exist.
@@ -75,6 +90,7 @@ def write_mesh(
         Name of a format (see docs/formats.md); by default chosen by the extension of `path`.
     overwrite : bool
         Replace an existing file, as the last step.
+    options : WriteOptions, optional
     progress : callable(fraction, message), optional
         Called after each batch of rows. An exception in it stops the writing.
 
@@ -92,7 +108,9 @@ def write_mesh(
     GeoreferenceError
         If the format is GeoJSON and the nodes have no longitude and latitude.
     """
-    with open_writer(path, layers=layers, driver=driver, overwrite=overwrite) as writer:
+    with open_writer(
+        path, layers=layers, driver=driver, overwrite=overwrite, options=options
+    ) as writer:
         writer.finish(mesh, progress or (lambda _fraction, _message: None))
     return Path(path)
 
@@ -104,23 +122,24 @@ def open_writer(
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
     overwrite: bool = False,
+    options: WriteOptions = PLAIN,
     writer_pool: WriterPool | None = None,
 ) -> Iterator[MeshWriter]:
     """Yield a writer for one mesh; the file appears at `path` if the block ends without error.
 
     Parameters
     ----------
-    path, layers, driver, overwrite
+    path, layers, driver, overwrite, options
         As in `write_mesh`, which also lists the errors.
     writer_pool : WriterPool, optional
         Processes that write the layers in parallel; by default this process writes them.
     """
     target = Path(path)
-    check_output(target, overwrite=overwrite, driver=driver)
+    check_output(target, overwrite=overwrite, driver=driver, options=options)
     file_format = find_format(target, driver)
     names = choose_layers(layers, file_format)
     with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
-        writer = MeshWriter(target, temporary, names, file_format, writer_pool)
+        writer = MeshWriter(target, temporary, names, file_format, options, writer_pool)
         try:
             yield writer
         finally:
@@ -139,6 +158,7 @@ class MeshWriter:
         The temporary file to write to.
     names : list of {"triangles", "edges", "nodes"}
     file_format : Format
+    options : WriteOptions
     writer_pool : WriterPool, optional
     """
 
@@ -148,8 +168,10 @@ class MeshWriter:
         path: Path,
         names: list[LayerName],
         file_format: Format,
+        options: WriteOptions,
         writer_pool: WriterPool | None,
     ) -> None:
+        self._options = options
         self._target = target
         self._path = path
         self._names = names
@@ -185,6 +207,8 @@ class MeshWriter:
 
     def finish(self, mesh: TriangleMesh, progress: Progress) -> None:
         """Write the mesh if it passes its certificate; raise the errors of `write_mesh`."""
+        for note in self._format.notes(mesh, self._options):
+            warnings.warn(note, GeomeshWarning, stacklevel=2)
         progress(0.0, "Writing")
         if self._joining is not None:
             for name in self._names:
@@ -216,7 +240,7 @@ class MeshWriter:
         if name not in self._streams:
             stream = self._streams[name] = BatchStream(self._events)
             path = self._extra_paths().get(name, self._path)
-            file = LayerFile(mesh, name, path, self._format, document)
+            file = LayerFile(mesh, name, path, self._format, document, self._options)
             self._written[name] = self._threads.submit(
                 _write_layer, file, stream, self._writer_pool
             )

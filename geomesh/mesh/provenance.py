@@ -28,11 +28,14 @@ class SourceBand:
         1-based number in the source.
     description : str or None
         Description of the band in the source.
+    unit : str
+        Unit of its values as the source names it; empty if it does not.
     """
 
     name: str
     index: int
     description: str | None
+    unit: str = ""
 
 
 @dataclass(frozen=True)

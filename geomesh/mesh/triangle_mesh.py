@@ -14,10 +14,14 @@ import shapely
 from geomesh.arrays.table import Table, read_only
 from geomesh.mesh.certify import certify
 from geomesh.mesh.certify_refined import with_refinement
+from geomesh.mesh.height import find_height
 from geomesh.mesh.quality import Quality, measure, measure_each
+from geomesh.mesh.slope import SLOPE_COLUMNS, measure_slopes
 from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
 from geomesh.parameters import LAYERS, LayerName
+from geomesh.raster.bands import Band
 from geomesh.raster.crs import crs_label
+from geomesh.raster.metres import metres_per_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,8 +29,9 @@ if TYPE_CHECKING:
     import geopandas as gpd
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Points
+    from geomesh.arrays.types import Floats, Points
     from geomesh.mesh.certificate import Certificate, DomainFacts
+    from geomesh.mesh.height import Height
     from geomesh.mesh.provenance import Provenance
     from geomesh.raster.grid import Grid
 
@@ -54,6 +59,8 @@ class TriangleMesh:
         Attributes that cannot be computed from the geometry.
     provenance : Provenance, optional
         How the mesh was made; None if it was made without a raster.
+    height : Height, optional
+        Which of its values is the height of the nodes; None if it is flat.
     """
 
     nodes: Points
@@ -65,6 +72,7 @@ class TriangleMesh:
     node_table: Table = field(default_factory=lambda: Table({}))
     triangle_table: Table = field(default_factory=lambda: Table({}))
     provenance: Provenance | None = None
+    height: Height | None = None
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -104,6 +112,60 @@ class TriangleMesh:
     def map_nodes(self) -> Points:
         """Node coordinates, (N, 2), on the map."""
         return read_only(self.grid.to_map(self.nodes))
+
+    @cached_property
+    def heights(self) -> Floats | None:
+        """Heights of the nodes, (N,), in the unit of `height`; NaN where there is no data.
+
+        None if the mesh is flat.
+        """
+        if self.height is None:
+            return None
+        values = self.node_table[self.height.band].astype(np.float64)
+        return read_only(values * self.height.factor)
+
+    def with_height(self, z: int | str | None = None, z_factor: float = 1.0) -> Self:
+        """Return the mesh with a band as the height of its nodes.
+
+        Parameters
+        ----------
+        z : int or str, optional
+            Number of the band in the raster (the first is 1), or its name. Default: the height
+            that the mesh has, or else its only band.
+        z_factor : float
+            By which the values are multiplied, such as 0.3048 from feet to metres.
+
+        Raises
+        ------
+        BandError
+            If there is no such band, it has classes, or the mesh has several and `z` is None.
+        """
+        if z is None and self.height is not None and z_factor == 1.0:
+            return self
+        bands = self._bands()
+        if z is None and self.height is not None:
+            z = self.height.band
+        height = find_height(bands, z, z_factor, self.grid.crs, name="the mesh")
+        return replace(self, height=height)
+
+    def _bands(self) -> tuple[Band, ...]:
+        """Return the bands of which the nodes have values."""
+        known = () if self.provenance is None else self.provenance.source.bands
+        return tuple(
+            Band(
+                *(band.index, band.description, None, band.name),
+                is_class=self.node_table[band.name].dtype.kind in "iu",
+                unit=band.unit,
+            )
+            for band in known
+            if band.name in self.node_table
+        )
+
+    @cached_property
+    def metres(self) -> Floats:
+        """Metres for a unit of x and of y on the map, (T, 2), at the middle of each triangle."""
+        middles = self.map_nodes[self.triangles].mean(axis=1)
+        return read_only(metres_per_unit(self.grid.crs, middles))
 
     @cached_property
     def edges(self) -> Edges:
@@ -205,15 +267,26 @@ class TriangleMesh:
     def _triangle_attributes(self) -> Table:
         corners = {f"n{k}": self.triangles[:, k] for k in range(3)}
         shown = ("ab", "bc", "ca", "ki", "min_angle", "shape")
+        area = self.grid.areas(self.nodes, self.triangles)
         return Table(
             {
                 "id": np.arange(len(self.triangles), dtype=np.int32),
                 **corners,
-                "area": self.grid.areas(self.nodes, self.triangles),
+                "area": area,
                 **measure_each(self.plane_nodes, self.triangles, shown),
+                **self._slopes(area),
                 **self.triangle_table,
             }
         )
+
+    def _slopes(self, area: Floats) -> dict[str, Floats]:
+        """Return slope, aspect and area in space, if the nodes have heights."""
+        if self.height is None or self.heights is None:
+            return {}
+        places, heights = self.map_nodes, self.heights * self.height.metres
+        slopes = measure_slopes(places, heights, self.triangles, self.metres)
+        measured = (slopes.slope, slopes.aspect, area * slopes.stretch)
+        return dict(zip(SLOPE_COLUMNS, measured, strict=True))
 
     def _edge_attributes(self) -> Table:
         edges = self.edges
@@ -244,13 +317,15 @@ class TriangleMesh:
         import geopandas as gpd
 
         columns = dict(self.attributes(layer))
+        places = self.map_nodes
+        if self.heights is not None:
+            places = np.column_stack([places, self.heights])
         if layer == "triangles":
-            rings = self.map_nodes[self.triangles[:, [0, 1, 2, 0]]]
-            geometry = shapely.polygons(rings)
+            geometry = shapely.polygons(places[self.triangles[:, [0, 1, 2, 0]]])
         elif layer == "edges":
-            geometry = shapely.linestrings(self.map_nodes[self.edges.nodes])
+            geometry = shapely.linestrings(places[self.edges.nodes])
         else:
-            geometry = shapely.points(self.map_nodes)
+            geometry = shapely.points(places)
         return gpd.GeoDataFrame(columns, geometry=geometry, crs=self.grid.crs)
 
     def to_graph(self, library: Literal["scipy", "networkx", "libpysal"] = "scipy") -> Any:

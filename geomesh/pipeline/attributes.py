@@ -11,6 +11,7 @@ import numpy as np
 from geomesh.arrays.table import Table
 from geomesh.mesh.colors import format_colors
 from geomesh.mesh.provenance import PixelCounts
+from geomesh.mesh.slope import SLOPE_COLUMNS
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.surface import columns as surface_columns
@@ -180,6 +181,8 @@ def count_columns(layer: LayerName, scene: Scene, recipe: Recipe) -> int:
     if recipe.refine:
         measured["triangles"] += 2 * shown + (recipe.model == "constant" and not has_means) * shown
         measured["nodes"] += shown * (recipe.model == "linear" and scene.classes is not scene)
+    if recipe.z is not None:
+        measured["triangles"] += len(SLOPE_COLUMNS)
     return _OWN_COLUMNS[layer] + measured[layer]
 
 

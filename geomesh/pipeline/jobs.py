@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from geomesh.formats.format import PLAIN, WriteOptions
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
@@ -32,6 +34,7 @@ class MeshJob:
         same recipe.
     reading : mapping
         Keywords of `geomesh.raster.open.open_scene`.
+    options : WriteOptions
     breaklines, breaklines_layer
         See `geomesh.pipeline.breaklines.read_breaklines`.
     time_limit : float, optional
@@ -51,6 +54,7 @@ class MeshJob:
     overwrite: bool = False
     skip_existing: bool = False
     reading: Mapping[str, Any] = field(default_factory=dict)
+    options: WriteOptions = PLAIN
     breaklines: Any = None
     breaklines_layer: str | None = None
     time_limit: float | None = None

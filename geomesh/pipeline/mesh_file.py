@@ -62,7 +62,9 @@ def mesh_file(
 def open_job(job: MeshJob) -> Scene | MeshSummary:
     """Return the scene to mesh, or the summary of the existing file if it can be kept."""
     keep = job.skip_existing and job.output.exists()
-    check_output(job.output, overwrite=job.overwrite or keep, driver=job.driver)
+    check_output(
+        job.output, overwrite=job.overwrite or keep, driver=job.driver, options=job.options
+    )
     scene = open_scene(job.source, **job.reading)
     if not keep:
         return scene
@@ -92,6 +94,7 @@ def mesh_opened(
         layers=job.layers,
         driver=job.driver,
         overwrite=job.overwrite,
+        options=job.options,
         writer_pool=writer_pool if is_large else None,
     ) as writer:
 

@@ -21,6 +21,7 @@ from geomesh.features.detect import detect_keypoints
 from geomesh.features.gray import Tone, fit_tone
 from geomesh.features.gray_image import SceneGray
 from geomesh.features.overview import read_overview
+from geomesh.mesh.height import find_height
 from geomesh.mesh.provenance import (
     CannyThresholds,
     Provenance,
@@ -39,6 +40,7 @@ from geomesh.raster.pixels import Excerpt
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from geomesh.mesh.height import Height
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.workers import Workers
     from geomesh.raster.lines import PixelLines
@@ -85,9 +87,10 @@ def mesh_scene(
     """
     _require_reach(scene, workers)
     _require_refinable(recipe)
+    height = height_of(scene, recipe)
     own = breaklines.notes if breaklines is not None else ()
     doubts = [*_notes_on_memory(scene, recipe), *_notes_on_classes(scene, recipe)]
-    notes = (*scene.notes, *own, *doubts)
+    notes = (*scene.notes, *own, *notes_on_height(height), *doubts)
     _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
@@ -125,6 +128,7 @@ def mesh_scene(
     _warn(later_notes)
     return replace(
         described.mesh,
+        height=height,
         provenance=Provenance(
             recipe=recipe,
             source=source_of(scene),
@@ -163,6 +167,21 @@ def _load_later_stages(recipe: Recipe, compiling: Callable[[], None]) -> None:
     prepare_kernels(compiling)
 
 
+def height_of(scene: Scene, recipe: Recipe) -> Height | None:
+    """Return the height that a recipe asks for, before any pixel is read."""
+    if recipe.z is None:
+        return None
+    bands, crs = scene.classes.bands, scene.grid.crs
+    return find_height(bands, recipe.z, recipe.z_factor, crs, name=scene.name)
+
+
+def notes_on_height(height: Height | None) -> list[str]:
+    """Return a warning if the unit of heights is a guess."""
+    if height is None or not height.assumed or height.factor != 1.0:
+        return []
+    return ["the raster does not say in which unit its heights are: metres are assumed"]
+
+
 def source_of(scene: Scene) -> SourceRaster:
     """Return the information needed to read the same pixels again."""
     window = scene.window
@@ -170,7 +189,8 @@ def source_of(scene: Scene) -> SourceRaster:
         name=scene.name,
         window=(window.col, window.row, window.width, window.height),
         bands=tuple(
-            SourceBand(band.name, band.index, band.description) for band in scene.classes.bands
+            SourceBand(band.name, band.index, band.description, band.unit)
+            for band in scene.classes.bands
         ),
         nodata=scene.nodata,
         alpha=scene.alpha,

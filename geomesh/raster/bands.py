@@ -46,6 +46,8 @@ class Band:
         Name of its columns in the tables of a mesh: see `geomesh.raster.band_names`.
     is_class : bool
         Whether its values are classes: those of a palette, not measurements.
+    unit : str
+        Unit of its values as the file names it; empty if it does not.
     """
 
     index: int
@@ -53,6 +55,7 @@ class Band:
     color: str | None
     name: str
     is_class: bool = False
+    unit: str = ""
 
 
 def find_rgb(colors: Sequence[str | None]) -> tuple[int, int, int] | None:
@@ -102,7 +105,8 @@ def class_band(dataset: rasterio.DatasetReader) -> tuple[Band, np.dtype[Any]] | 
 def _known_bands(dataset: rasterio.DatasetReader) -> list[Band]:
     names = name_bands(dataset_texts(dataset))
     descriptions = read_descriptions(dataset)
-    tagged = zip(descriptions, dataset.colorinterp, dataset.dtypes, names, strict=True)
+    units = dataset.units
+    tagged = zip(descriptions, dataset.colorinterp, dataset.dtypes, names, units, strict=True)
     return [
         Band(
             index,
@@ -110,8 +114,9 @@ def _known_bands(dataset: rasterio.DatasetReader) -> list[Band]:
             color.name if color.name in _COLORS else None,
             name,
             is_class=color == ColorInterp.palette and np.dtype(dtype).kind in "ui",
+            unit=unit or "",
         )
-        for index, (description, color, dtype, name) in enumerate(tagged, start=1)
+        for index, (description, color, dtype, name, unit) in enumerate(tagged, start=1)
     ]
 
 
@@ -121,12 +126,13 @@ def array_bands(
     descriptions: Sequence[str | None],
     texts: Sequence[BandText],
     bidx: Sequence[int] | None,
+    unit: str = "",
 ) -> tuple[Band, ...]:
     """Return the chosen bands of an array that has one band for each description."""
     _require_real(name, dtype)
     chosen = _choose(name, bidx, len(descriptions), ())
     names = name_bands(texts)
-    return tuple(Band(k, descriptions[k - 1], None, names[k - 1]) for k in chosen)
+    return tuple(Band(k, descriptions[k - 1], None, names[k - 1], unit=unit) for k in chosen)
 
 
 def _choose(name: str, bidx: Sequence[int] | None, count: int, alphas: Sequence[int]) -> list[int]:

@@ -53,6 +53,8 @@ class ArrayRaster:
         Scale and offset of each band.
     notes : tuple of str
         Notes about the transform, for the user.
+    unit : str
+        Of the values; empty if it is not known.
     """
 
     name: str
@@ -65,6 +67,7 @@ class ArrayRaster:
     texts: tuple[BandText, ...] | None = None
     scalings: tuple[Scaling, ...] | None = None
     notes: tuple[str, ...] = ()
+    unit: str = ""
 
     rpcs = None
 
@@ -215,6 +218,7 @@ def read_dataarray(
         *describe_bands(source, others[0] if others else None),
         read_scalings(name, source, others[0] if others else None),
         notes,
+        str(source.attrs.get("units", "")),
     )
 
 

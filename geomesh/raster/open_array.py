@@ -59,7 +59,7 @@ def _scene(raster: ArrayRaster, reading: Reading) -> Scene:
     name, array = raster.name, raster.array
     descriptions = raster.descriptions or (None,) * len(array)
     texts = raster.texts or (BandText(),) * len(array)
-    bands = array_bands(name, array.dtype, descriptions, texts, reading.bidx)
+    bands = array_bands(name, array.dtype, descriptions, texts, reading.bidx, raster.unit)
     indexes = [band.index for band in bands]
     scalings, on_scale = choose_scalings(
         name, raster.scalings or (PLAIN,) * len(array), indexes, unscale=reading.unscale
