@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from geomesh.mesh.triangle_mesh import TriangleMesh
 from geomesh.parallel.progress import Progress, reporting
 from geomesh.raster.open import Source, open_scene
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from geomesh.parameters import Alpha, Effort, LayerName, Model
     from geomesh.surface.accuracy import Accuracy
     from geomesh.surface.fidelity import Fidelity
+    from geomesh.terrain.volume import Volume
     from geomesh.view.stages import Stages
 
 
@@ -160,6 +163,42 @@ class Mesh(TriangleMesh):
         from geomesh.surface.verify import verify
 
         return verify(self, source, **options)
+
+    def surface_area(self) -> float:
+        """Return the area of the surface in space, in square metres.
+
+        Triangles without heights are left out. The mesh needs heights: see `with_height`.
+        """
+        return float(np.nansum(self.with_height().attributes("triangles")["area_3d"]))
+
+    def volume(self, base: Any = None, *, progress: bool | Progress = False) -> Volume:
+        """Return the volume between the surface and a base.
+
+        Parameters
+        ----------
+        base : float, Mesh, path, or raster, optional
+            A level in the unit of the mesh's heights; another mesh, or the GeoPackage of one; or
+            a raster of heights, of which each pixel is a prism. Default: the lowest height of
+            the mesh.
+        progress : bool or callable(fraction, message)
+
+        Returns
+        -------
+        Volume
+            `cut`, above the base; `fill`, below it; and `net`, in cubic metres.
+
+        Examples
+        --------
+        >>> import geomesh
+        >>> mesh = geomesh.mesh_raster("data_samples/rmnp_dem.tif", nodes=200, z=1)
+        >>> found = mesh.volume(3000)
+        >>> bool(found.net == found.cut - found.fill)
+        True
+        """
+        from geomesh.pipeline.volume import measure_volume
+
+        with reporting(progress) as report:
+            return measure_volume(self.with_height(), base, report)
 
     def render(self, source: Source, path: str | PathLike[str], **options: Any) -> Fidelity:
         """Write the mesh as a raster on the pixels of `source`.

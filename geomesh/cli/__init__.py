@@ -23,6 +23,7 @@ from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
 from geomesh.cli.streams import tell_of_lost_output, unfailing_streams
 from geomesh.cli.versions import print_versions
+from geomesh.cli.volume import volume
 from geomesh.parallel.memory import keep_freed_memory
 
 _INTERRUPTED = 130
@@ -104,5 +105,5 @@ def cli(ctx: click.Context, debug: bool) -> None:
     ctx.obj = debug
 
 
-for command in (mesh, stages, quality, render, evaluate, info, convert):
+for command in (mesh, stages, quality, render, evaluate, info, convert, volume):
     cli.add_command(command)

@@ -88,6 +88,12 @@ def layer_options(command: Command) -> Command:
 
 def output_options(command: Command) -> Command:
     """Add the options about existing outputs and about the messages of the command."""
+    overwrite = click.option("--overwrite", is_flag=True, help="Replace an existing output.")
+    return overwrite(message_options(command))
+
+
+def message_options(command: Command) -> Command:
+    """Add the options about the messages of the command."""
     for option in (
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
         click.option(
@@ -95,7 +101,6 @@ def output_options(command: Command) -> Command:
             type=click.Choice(["bar", "jsonl", "none"]),
             help="Show a bar (the default on a terminal), JSON lines for programs, or nothing.",
         ),
-        click.option("--overwrite", is_flag=True, help="Replace an existing output."),
         click.option(
             "--until-eof",
             is_flag=True,

@@ -64,6 +64,11 @@ class Height:
     metres: float = 1.0
     assumed: bool = True
 
+    @property
+    def plural(self) -> str:
+        """The name of the unit for several of it."""
+        return self.unit.replace("foot", "feet") if "foot" in self.unit else f"{self.unit}s"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as plain JSON values."""
         return asdict(self)

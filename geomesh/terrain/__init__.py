@@ -1,0 +1,1 @@
+"""What a mesh with heights says of the ground: volumes and contours."""
