@@ -49,13 +49,16 @@ class Lift:
         """
         heights = self.heights[corners]
 
-        def lifted(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
+        def lifted(places: NDArray[np.float64]) -> NDArray[np.float64]:
+            degrees = places[:, :2]
             shares = _shares(self._to_map(degrees, corners), self.places[corners])
             shares[~np.isfinite(shares).all(axis=1)] = 1 / len(corners)
             return np.column_stack([degrees, shares @ heights])
 
         encoded: bytes = shapely.to_wkb(
-            shapely.transform(shapely.from_wkb(flat), lifted), byte_order=1, flavor="iso"
+            shapely.transform(shapely.force_3d(shapely.from_wkb(flat)), lifted, include_z=True),
+            byte_order=1,
+            flavor="iso",
         )
         return encoded
 

@@ -101,7 +101,8 @@ def mesh_opened(
         def begin(shaped: TriangleMesh) -> None:
             if is_large:
                 trim_memory()  # detection needed more memory than the next steps
-            writer.begin(shaped)
+            if job.recipe.z is None:  # heights are known only with the statistics
+                writer.begin(shaped)
 
         mesh = mesh_scene(
             *(scene, job.recipe, workers, part_of(progress, 0, 0.8)),
