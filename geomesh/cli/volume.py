@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console
-from geomesh.cli.options import height_options, message_options
+from geomesh.cli.height_options import height_options
+from geomesh.cli.options import message_options
 from geomesh.cli.streams import echo
 
 if TYPE_CHECKING:
