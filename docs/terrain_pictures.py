@@ -86,8 +86,13 @@ def label(panel: Axes, line: Any, text: str) -> None:
     halo = [withStroke(linewidth=2.5, foreground="white")]
     panel.text(
         *(middle.x, middle.y, text),
-        **{"rotation": angle, "fontsize": 7, "color": "#5a2d0c"},
-        **{"ha": "center", "va": "center", "path_effects": halo, "clip_on": True},
+        rotation=angle,
+        fontsize=7,
+        color="#5a2d0c",
+        ha="center",
+        va="center",
+        path_effects=halo,
+        clip_on=True,
     )
 
 
