@@ -36,6 +36,13 @@ class BatchStream:
         """Raise an error instead of the next batch."""
         self._stopped = True
 
+    def advance(self, rows: int) -> None:
+        """Count rows that a format has written itself; raise CancelledError after `stop`."""
+        if self._stopped:
+            raise CancelledError
+        self.rows += rows
+        self._events.put(None)
+
     def batches(self, layer: Layer, geometry: str, *, bbox: str | None = None) -> Iterator[Any]:
         """Yield the record batches of a layer, each made when it is needed."""
         try:

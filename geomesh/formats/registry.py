@@ -19,6 +19,10 @@ _MODULES = (
     "geojson",
     "flatgeobuf",
     "geoparquet",
+    "landxml",
+    "dxf",
+    "mesh_2dm",
+    "gr3",
     "ugrid",
 )
 

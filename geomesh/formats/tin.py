@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,12 @@ import numpy as np
 
 from geomesh.errors import GeoreferenceError, OutputError
 from geomesh.formats.arrow import Layer
-from geomesh.raster.crs import has_angles
+from geomesh.raster.crs import has_angles, horizontal, is_lonlat
 from geomesh.raster.metres import metres_per_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from pyproj import CRS
 
     from geomesh.arrays.types import Points
     from geomesh.mesh.triangle_mesh import TriangleMesh
@@ -101,10 +103,28 @@ def require_lengths(mesh: TriangleMesh, driver: str) -> None:
     """Raise GeoreferenceError if x and y of a mesh are angles."""
     crs = mesh.grid.crs
     if crs is not None and has_angles(crs):
+        zone = _utm_zone(crs, mesh.map_nodes)
         raise GeoreferenceError(
             f"{driver} needs x and y in metres or feet, and those of {crs.name!r} are angles: "
-            "reproject the raster first, for example with gdalwarp to the UTM zone"
+            f"reproject the raster first, for example with gdalwarp {zone}"
         )
+
+
+def _utm_zone(crs: CRS, places: Points) -> str:
+    """Return the option of gdalwarp for the UTM zone in the middle of places on the map."""
+    from pyproj.aoi import AreaOfInterest
+    from pyproj.database import query_utm_crs_info
+
+    if is_lonlat(crs):
+        degrees = math.degrees(horizontal(crs).axis_info[0].unit_conversion_factor)
+        x, y = (places.min(axis=0) + places.max(axis=0)) / 2 * degrees
+        around = AreaOfInterest((x + 180) % 360 - 180, y, (x + 180) % 360 - 180, y)
+        # Of the same datum if it has zones, so that nothing is shifted.
+        for datum in (horizontal(crs).name, "WGS 84"):
+            found = query_utm_crs_info(datum_name=datum, area_of_interest=around)
+            if found:
+                return f"-t_srs {found[0].auth_name}:{found[0].code}"
+    return "to a projected CRS"
 
 
 def tin_layer(mesh: TriangleMesh, name: LayerName) -> Layer:
