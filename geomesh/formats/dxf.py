@@ -125,9 +125,7 @@ def _estimate(tin: Tin) -> float:
     return len(text) / len(some) * len(tin.triangles)
 
 
-def _write(
-    layer: Layer, file: LayerFile, stream: BatchStream, write_rows_by_gdal: WriteRows
-) -> None:  # noqa: ARG001
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
     mesh, tin = file.mesh, tin_of(file.mesh)
     points = tin.points
     wanted = horizontal_unit(mesh.grid.crs)
@@ -151,12 +149,12 @@ def _write(
 
 def _frame(mesh: TriangleMesh, tin: Tin, points: NDArray[np.float64]) -> tuple[Any, str, int]:
     """Return the document without faces, the handle of its model space and of the first face."""
-    import ezdxf
+    from ezdxf.filemanagement import new
 
     from geomesh.formats.tin_lines import lines_of
 
     code = _insunits(mesh)
-    drawing = ezdxf.new(_VERSION, units=code)
+    drawing = new(_VERSION, units=code)
     drawing.header["$MEASUREMENT"] = int(code not in _IMPERIAL)
     drawing.header.custom_vars.append("CRS", told_crs(mesh))
     for name, color in _COLORS.items():

@@ -56,9 +56,7 @@ def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noq
     return (*told, *notes_on_voids(mesh))
 
 
-def _write(
-    layer: Layer, file: LayerFile, stream: BatchStream, write_rows_by_gdal: WriteRows
-) -> None:  # noqa: ARG001
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
     from geomesh.formats.tin_lines import lines_of
 
     mesh, tin = file.mesh, tin_of(file.mesh)

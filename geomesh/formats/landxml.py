@@ -97,16 +97,16 @@ def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noq
     require_lengths(mesh, _DRIVER)
     unit = _unit(mesh)
     own = horizontal_unit(mesh.grid.crs)
-    no_crs = (
-        f"the mesh has no CRS, but LandXML has to name a unit: x and y are said to be in {unit.name}",
+    notes = note_on_conversion(mesh, _DRIVER, own) + notes_on_voids(mesh)
+    if own is not None:
+        return notes
+    return (
+        f"the mesh has no CRS, and LandXML must name a unit: x and y are said to be in {unit.name}",
+        *notes,
     )
-    converts = note_on_conversion(mesh, _DRIVER, own)
-    return (*(no_crs if own is None else ()), *converts, *notes_on_voids(mesh))
 
 
-def _write(
-    layer: Layer, file: LayerFile, stream: BatchStream, write_rows_by_gdal: WriteRows
-) -> None:  # noqa: ARG001
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
     """Write the surface row by row: a tree of a million points would need gigabytes."""
     from geomesh.formats.tin_lines import lines_of
 
@@ -128,13 +128,13 @@ def _write(
         write_rows(out, '<P id="%d">%r %r %r</P>\n', (ids, *points.T))
         _close(out, "Pnts")
         _open(out, "Faces")
-        write_rows(out, "<F>%d %d %d</F>\n", (tin.triangles + 1).T, stream.advance)
+        write_rows(out, "<F>%d %d %d</F>\n", [*(tin.triangles + 1).T], stream.advance)
         _close(out, "Faces", "Definition", "Surface", "Surfaces", "LandXML")
 
 
-def _open(out: BinaryIO, element: str, *, is_empty: bool = False, **attributes: str) -> None:
+def _open(out: BinaryIO, element: str, end: str = "", **attributes: str) -> None:
     told = "".join(f" {name}={quoteattr(one_line_of(value))}" for name, value in attributes.items())
-    out.write(f"<{element}{told}{'/' if is_empty else ''}>\n".encode())
+    out.write(f"<{element}{told}{end}>\n".encode())
 
 
 def _close(out: BinaryIO, *elements: str) -> None:
@@ -156,15 +156,15 @@ def _write_head(
     told = {"elevationUnit": "feet" if kind == "Imperial" else "meter"}
     told |= dict.fromkeys(("angularUnit", "directionUnit"), "decimal degrees")
     linear = {"areaUnit": area, "linearUnit": unit.name}
-    _open(out, kind, is_empty=True, **linear, **_OTHER_UNITS[kind], **told)
+    _open(out, kind, "/", **linear, **_OTHER_UNITS[kind], **told)
     _close(out, "Units")
     if mesh.grid.crs is not None:
-        _open(out, "CoordinateSystem", is_empty=True, **_crs_attributes(mesh.grid.crs))
+        _open(out, "CoordinateSystem", "/", **_crs_attributes(mesh.grid.crs))
     _open(out, "Project", name=name)
     _open(out, "Feature", code=KEY, name="how the surface was made")
-    _open(out, "Property", is_empty=True, label=KEY, value=document)
+    _open(out, "Property", "/", label=KEY, value=document)
     _close(out, "Feature", "Project")
-    _open(out, "Application", is_empty=True, name="geomesh", version=__version__)
+    _open(out, "Application", "/", name="geomesh", version=__version__)
 
 
 def _crs_attributes(crs: CRS) -> dict[str, str]:

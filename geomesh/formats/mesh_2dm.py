@@ -39,9 +39,7 @@ def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noq
     return notes_on_voids(mesh)
 
 
-def _write(
-    layer: Layer, file: LayerFile, stream: BatchStream, write_rows_by_gdal: WriteRows
-) -> None:  # noqa: ARG001
+def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
     tin = tin_of(file.mesh)
     nodes, triangles = len(tin.points), len(tin.triangles)
     about = [name_of(file.mesh), told_crs(file.mesh)]

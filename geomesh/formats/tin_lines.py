@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     Line = NDArray[np.intp]
 
 _NONE = -1
+_SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 
 
 @dataclass(frozen=True)
@@ -45,19 +46,22 @@ def lines_of(mesh: TriangleMesh, tin: Tin) -> TinLines:
     starts = tin.triangles.ravel().astype(np.int64)
     stops = np.roll(tin.triangles, -1, axis=1).ravel().astype(np.int64)
     keys = _keys(starts, stops, len(tin.points))
-    twins = _twins(keys)
-    outer, holes = [], []
+    order = np.argsort(keys, kind="stable")
+    twins = _twins(keys, order)
+    outer: list[Line] = []
+    holes: list[Line] = []
     for ring in _rings(starts, twins):
         x, y = tin.points[ring, :2].T - tin.points[ring[0], :2, None]
         area = x @ np.roll(y, -1) - y @ np.roll(x, -1)
         (outer if area > 0 else holes).append(ring)
-    inner = np.unique(keys[twins != _NONE])
     place = np.full(len(mesh.nodes), _NONE, np.int64)
     place[tin.nodes] = np.arange(len(tin.nodes))
     ends = place[mesh.constraints]
     ends = ends[(ends != _NONE).all(axis=1)]
-    found = np.intersect1d(_keys(*ends.T, len(tin.points)), inner)
-    pairs = np.column_stack(np.divmod(found, len(tin.points)))
+    found = np.unique(_keys(ends[:, 0], ends[:, 1], len(tin.points)))
+    # An edge inside of the TIN has two half-edges.
+    first, last = (np.searchsorted(keys[order], found, side) for side in _SIDES)
+    pairs = np.column_stack(np.divmod(found[last - first == 2], len(tin.points)))
     return TinLines(tuple(outer), tuple(holes), tuple(_chains(pairs)))
 
 
@@ -67,9 +71,8 @@ def _keys(starts: NDArray[np.int64], stops: NDArray[np.int64], count: int) -> ND
     return keys
 
 
-def _twins(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+def _twins(keys: NDArray[np.int64], order: NDArray[np.intp]) -> NDArray[np.int64]:
     """Return the opposite half-edge of each half-edge, or `_NONE` on the outline."""
-    order = np.argsort(keys, kind="stable")
     same = np.flatnonzero(np.diff(keys[order]) == 0)
     twins = np.full(len(keys), _NONE, np.int64)
     twins[order[same]] = order[same + 1]

@@ -57,7 +57,7 @@ def height_unit(mesh: TriangleMesh) -> LinearUnit:
 def converted(
     heights: NDArray[np.float64], own: LinearUnit, wanted: LinearUnit
 ) -> NDArray[np.float64]:
-    """Return heights in another unit; the same numbers, to the last bit, if the unit is the same."""
+    """Return heights in another unit; the same, to the last bit, if it is the same unit."""
     return heights if own.equals(wanted.metres) else heights * (own.metres / wanted.metres)
 
 
