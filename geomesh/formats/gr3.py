@@ -97,8 +97,8 @@ def _write_boundaries(out: BinaryIO, lines: TinLines) -> None:
 def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
     try:
         with path.open(encoding="utf-8", newline="\n") as lines:
-            next(lines)
-            triangles, nodes = map(int, next(lines).split())
+            next(lines, "")
+            triangles, nodes = map(int, next(lines, "").split())
             points = read_rows(islice(lines, nodes), (0, 1, 2, 3), float)
             corners = read_rows(islice(lines, triangles), (1, 2, 3, 4), int)
             if (len(points), len(corners)) != (nodes, triangles):
@@ -106,23 +106,26 @@ def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
             _read_boundaries(lines, nodes)
             if [*lines][-1:] != [_LAST]:
                 raise ValueError("its last line is missing")
-    except (ValueError, StopIteration) as error:
-        reason = str(error) or "it is cut short"
-        raise OSError(f"the gr3 file is damaged: {reason}") from error
+    except ValueError as error:
+        raise OSError(f"the gr3 file is damaged: {error}") from error
     check_corners(corners[:, 1:], nodes, _DRIVER)
     return triangles
 
 
 def _read_boundaries(lines: Iterator[str], nodes: int) -> None:
     for _ in ("open", "land"):
-        count, total = (int(next(lines).split()[0]) for _ in range(2))
+        count, total = _read_number(lines), _read_number(lines)
         for _ in range(count):
-            length = int(next(lines).split()[0])
+            length = _read_number(lines)
             ring = read_rows(islice(lines, length), (0,), int)
             check_corners(ring, nodes, _DRIVER)
             total -= len(ring)
         if total:
             raise ValueError("it has not all the nodes of its boundaries")
+
+
+def _read_number(lines: Iterator[str]) -> int:
+    return int(next(lines, "").partition(" ")[0])
 
 
 def _read_document(path: Path) -> str:

@@ -7,16 +7,15 @@ the order of the published schema; the metadata document is a property of the pr
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
-from xml.parsers import expat
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from geomesh._version import __version__
 from geomesh.errors import GeoreferenceError
-from geomesh.formats.batch_stream import BATCH_ROWS
 from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
+from geomesh.formats.landxml_reading import count_rows, read_document
 from geomesh.formats.tin import (
     notes_on_voids,
     require_heights,
@@ -35,8 +34,6 @@ from geomesh.formats.tin_units import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
     from typing import BinaryIO
 
     from numpy.typing import NDArray
@@ -76,8 +73,6 @@ _OTHER_UNITS = {
 }
 # The unit of their areas is not that of lengths, squared.
 _OTHER_AREAS = ("kilometer",)
-
-_CHUNK = 1 << 18
 
 
 def _unit(mesh: TriangleMesh) -> LinearUnit:
@@ -222,92 +217,12 @@ def _write_list(out: BinaryIO, places: NDArray[np.float64]) -> None:
     out.write(f"<PntList3D>{text}</PntList3D>\n".encode())
 
 
-class _Numbers:
-    """Reads the numbers of all points and faces, some thousands of elements at a time."""
-
-    def __init__(self) -> None:
-        self.counts = {"P": 0, "F": 0}
-        self._kind = ""
-        self._pending = 0
-        self._texts: list[str] = []
-
-    def start(self, element: str, _: Any) -> None:
-        if element not in self.counts:
-            return
-        if element != self._kind or self._pending == BATCH_ROWS:
-            self.check()
-            self._kind = element
-        self.counts[element] += 1
-        self._pending += 1
-
-    def text(self, data: str) -> None:
-        if self._kind:
-            self._texts.append(data)
-
-    def check(self) -> None:
-        """Raise ValueError if an element has not three numbers, or a face has no such point."""
-        values = np.array("".join(self._texts).split(), np.float64)
-        if len(values) != 3 * self._pending:
-            raise ValueError(f"<{self._kind}> needs three numbers")
-        if self._kind == "F" and not 1 <= values.min() <= values.max() <= self.counts["P"]:
-            raise ValueError("a face has a point that does not exist")
-        self._texts.clear()
-        self._pending = 0
-
-
-def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
-    numbers = _Numbers()
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    parser.StartElementHandler = numbers.start
-    parser.CharacterDataHandler = numbers.text
-    try:
-        with path.open("rb") as source:
-            while chunk := source.read(_CHUNK):
-                parser.Parse(chunk)
-            parser.Parse(b"", True)
-        numbers.check()
-    except (expat.ExpatError, ValueError) as error:
-        raise OSError(f"the LandXML file is damaged: {error}") from error
-    return numbers.counts["F"]
-
-
-def _read_document(path: Path) -> str:
-    from geomesh.formats.document import KEY
-
-    found = _properties(path)
-    for label, value in found:
-        if label == KEY:
-            return value
-    raise KeyError(KEY)
-
-
-def _properties(path: Path) -> Iterable[tuple[str, str]]:
-    """Yield the properties of a file, as far as it is needed: the document comes early."""
-    ready: list[tuple[str, str]] = []
-
-    def start(element: str, attributes: dict[str, str]) -> None:
-        if element == "Property":
-            ready.append((attributes.get("label", ""), attributes.get("value", "")))
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = start
-    try:
-        with path.open("rb") as source:
-            while chunk := source.read(_CHUNK):
-                parser.Parse(chunk)
-                yield from ready
-                ready.clear()
-    except expat.ExpatError as error:
-        raise OSError(f"the LandXML file is damaged: {error}") from error
-
-
 FORMAT = Format(
     _DRIVER,
     (".xml", ".landxml"),
     _write,
-    _count_rows,
-    _read_document,
+    count_rows,
+    read_document,
     layers=("triangles",),
     layer=tin_layer,
     notes=_notes,
