@@ -82,14 +82,11 @@ def test_the_surface_of_a_dem_is_read_back_to_the_last_bit(tmp_path):
 def test_handles_are_unique_and_the_next_is_free(tmp_path):
     path, _ = write(small_tin(), tmp_path / "mesh.dxf")
     lines = path.read_text("utf-8").splitlines()
-    handles = [
-        int(value, 16)
-        for code, value in zip(lines[::2], lines[1::2], strict=True)
-        if code in ("  5", "105")
-    ]
+    tags = list(zip(lines[::2], lines[1::2], strict=True))
+    seed = tags.index(("  9", "$HANDSEED")) + 1
+    handles = [int(value, 16) for code, value in tags[seed + 1 :] if code in ("  5", "105")]
     assert len(set(handles)) == len(handles)
-    seed = lines[lines.index("$HANDSEED") + 2]
-    assert int(seed, 16) == max(handles) + 1
+    assert int(tags[seed][1], 16) == max(handles) + 1
 
 
 @pytest.mark.parametrize(

@@ -137,9 +137,6 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRow
     document.write(text)
     # In the section of entities are the polylines: the faces go before them.
     before, entities, after = text.getvalue().partition("  2\nENTITIES\n")
-    # ezdxf adds objects of its own after the header has named the next free handle.
-    free = str(document.entitydb.handles)
-    before = re.sub(r"(\$HANDSEED\n  5\n)[0-9A-F]+", rf"\g<1>{free}", before, count=1)
     comments = [f"{name_of(mesh)}: {told_crs(mesh)}", *document_lines(file.document, "")]
     with file.path.open("wb") as out:
         out.write("".join(f"{_COMMENT}{line}\n" for line in comments).encode())
