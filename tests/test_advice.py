@@ -165,7 +165,7 @@ ADVICE: dict[str, Advice] = {
     "no extension": Advice(
         scene,
         "mesh scene.tif -o mesh",
-        r"choose from \.gpkg, \.geojson, \.fgb, \.parquet, \.nc$",
+        r"choose from \.gpkg, \.geojson, .*, \.nc$",
         tuple(
             f"mesh scene.tif -o mesh{end}"
             for end in (".gpkg", ".geojson", ".fgb", ".parquet", ".nc")
@@ -180,7 +180,7 @@ ADVICE: dict[str, Advice] = {
     "unknown driver": Advice(
         scene,
         f"{MESH} -f Shapefile",
-        "choose from GPKG, GeoJSON, FlatGeobuf, Parquet, UGRID",
+        "choose from GPKG, GeoJSON, .*, UGRID",
         (f"{MESH} -f GPKG",),
     ),
     "several layers": Advice(
