@@ -199,6 +199,18 @@ def test_nodata_has_no_height(tmp_path: Path, preset: str) -> None:
     )
 
 
+def test_a_file_without_its_voids_is_complete(command: Geomesh, tmp_path: Path) -> None:
+    values = hills()
+    values[:, 25:] = -9999
+    source = write_dem(tmp_path / "a.tif", values=values, nodata=-9999, unit="m")
+    options = ("--z", "1", "--domain", "image", "--nodes", "300", "--overwrite")
+    made = command("mesh", source, "-o", tmp_path / "a.2dm", *options)
+    assert made.code == 0
+    assert any("have no heights and are left out" in each for each in made.warnings())
+    again = command("mesh", source, "-o", tmp_path / "a.2dm", *options, "--skip-existing")
+    assert "skipped" in again.out
+
+
 def test_across_the_antimeridian_pieces_keep_their_heights(tmp_path: Path) -> None:
     transform = Affine(0.05, 0, 178.5, 0, -0.05, 10)
     path = write_dem(tmp_path / "a.tif", 4326, "m", transform=transform)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 KEY = "geomesh"
 FORMAT = 1
 
+# Name of the number of triangles that have heights.
+WITH_HEIGHTS = "triangles_with_heights"
+
 
 def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
     """Return the metadata document of a mesh as JSON text.
@@ -44,6 +47,7 @@ def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
                 "triangles": len(mesh.triangles),
                 "edges": len(mesh.edges.nodes),
                 "constraints": len(np.unique(edge_keys(mesh.constraints))),
+                **_with_heights(mesh),
             },
             "columns": {
                 "nodes": _dtypes(mesh.node_table),
@@ -62,6 +66,13 @@ def describe_grid(grid: Grid) -> dict[str, Any]:
         "transform": list(map(float, grid.transform[:6])),
         "crs": grid.crs.to_wkt() if grid.crs else None,
     }
+
+
+def _with_heights(mesh: TriangleMesh) -> dict[str, int]:
+    """Return how many triangles formats for terrain store, if there are voids."""
+    if mesh.heights is None:
+        return {}
+    return {WITH_HEIGHTS: int(np.isfinite(mesh.heights[mesh.triangles]).all(axis=1).sum())}
 
 
 def _dtypes(table: Table) -> list[list[str]]:

@@ -220,6 +220,7 @@ FORMAT = Format(
     _read_document,
     layers=("triangles",),
     layer=tin_layer,
+    leaves_out_voids=True,
     notes=_notes,
     require=_require,
 )

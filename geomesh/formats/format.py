@@ -127,6 +127,8 @@ class Format:
         Whether GDAL writes the format.
     most_columns, most_rows : int, optional
         Largest number of attributes and of rows of a layer, if there is a limit.
+    leaves_out_voids : bool
+        Whether the format stores only triangles with heights.
     options : tuple of str
         Names of the `WriteOptions` that the format knows.
     notes : callable(mesh, options) -> tuple of str
@@ -150,6 +152,7 @@ class Format:
     by_gdal: bool = False
     most_columns: int | None = None
     most_rows: int | None = None
+    leaves_out_voids: bool = False
     options: tuple[str, ...] = ()
     notes: Callable[[TriangleMesh, WriteOptions], tuple[str, ...]] = _nothing_to_say
     require: Callable[[], None] = lambda: None

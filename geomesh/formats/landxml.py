@@ -225,5 +225,6 @@ FORMAT = Format(
     read_document,
     layers=("triangles",),
     layer=tin_layer,
+    leaves_out_voids=True,
     notes=_notes,
 )

@@ -91,5 +91,6 @@ FORMAT = Format(
     _read_document,
     layers=("triangles",),
     layer=tin_layer,
+    leaves_out_voids=True,
     notes=_notes,
 )

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from geomesh.errors import GeomeshError
-from geomesh.formats.document import describe_grid
+from geomesh.formats.document import WITH_HEIGHTS, describe_grid
 from geomesh.formats.registry import find_format
 from geomesh.io.write import choose_layers
 from geomesh.mesh.provenance import Provenance, SourceRaster
@@ -72,7 +72,8 @@ def find_made(
             return how
     try:
         for name in choose_layers(layers, file_format):
-            if file_format.count_rows(path, name) != counts[name]:
+            stored = counts[WITH_HEIGHTS if file_format.leaves_out_voids else name]
+            if file_format.count_rows(path, name) != stored:
                 return f"does not have all its {name}"
     except (GeomeshError, ValueError, KeyError, OSError, RuntimeError):
         return "is damaged or does not have all layers"
