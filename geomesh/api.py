@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from os import PathLike
     from pathlib import Path
 
+    import geopandas as gpd
+
     from geomesh.parameters import Alpha, Effort, LayerName, Model
     from geomesh.surface.accuracy import Accuracy
     from geomesh.surface.fidelity import Fidelity
@@ -208,6 +210,46 @@ class Mesh(TriangleMesh):
         from geomesh.io.render import render_file
 
         return render_file(self, source, path, **options)
+
+    def contours(
+        self,
+        interval: float | None = None,
+        *,
+        base: float = 0.0,
+        levels: Sequence[float] | None = None,
+        index: int = 5,
+    ) -> gpd.GeoDataFrame:
+        """Return the contours of the heights: exact on the surface, joined, never crossing.
+
+        Parameters
+        ----------
+        interval : float, optional
+            Contours are at ``base + k * interval``, in the unit of the heights. Default: a round
+            number that gives 10 to 20 levels.
+        base : float
+        levels : sequence of float, optional
+            The levels themselves, in rising order, instead of an interval.
+        index : int
+            Every `index`-th level is marked, for thick lines and labels. 0: none.
+
+        Returns
+        -------
+        geopandas.GeoDataFrame
+            In the CRS of the mesh, with the columns `level`, `index`, `closed`, `length` (in
+            metres) and LineString Z. Higher ground is to the left of a line.
+
+        Raises
+        ------
+        BandError
+            If the mesh has no heights and several bands: see `with_height`.
+        LevelError
+            If a value is not valid, or there would be more than 10,000 levels.
+        """
+        from geomesh.terrain.contour_frame import contour_frame, find_levels
+
+        mesh = self.with_height()
+        found = find_levels(mesh, interval=interval, base=base, levels=levels, index=index)
+        return contour_frame(mesh, found)
 
     def plot(self, column: str = "color", **options: Any) -> Any:
         """Draw the mesh with matplotlib, filled by `column`; see `geomesh.view.plot.plot_mesh`."""

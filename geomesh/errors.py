@@ -52,6 +52,12 @@ class RecipeError(GeomeshError):
     code = "recipe"
 
 
+class LevelError(GeomeshError):
+    """Heights at which a surface is to be cut, or the interval between them, are not valid."""
+
+    code = "level"
+
+
 class GeoreferenceError(GeomeshError):
     """The georeference is missing, or does not allow the requested operation."""
 
