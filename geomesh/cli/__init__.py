@@ -13,6 +13,7 @@ from typing import NoReturn
 
 import click
 
+from geomesh.cli.contours import contours
 from geomesh.cli.convert import convert
 from geomesh.cli.evaluate import evaluate
 from geomesh.cli.info import info
@@ -98,6 +99,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh render mesh.gpkg --like scene.tif -o painted.tif
       geomesh evaluate scenes/ -o table1.csv
       geomesh convert mesh.gpkg -o web.geojson
+      geomesh contours mesh.gpkg -o contours.gpkg --interval 10
     """
     if isinstance(ctx.obj, dict) and "env" in ctx.obj:
         ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: use the GDAL settings of rio's options
@@ -105,5 +107,5 @@ def cli(ctx: click.Context, debug: bool) -> None:
     ctx.obj = debug
 
 
-for command in (mesh, stages, quality, render, evaluate, info, convert, volume):
+for command in (mesh, stages, quality, render, evaluate, info, convert, contours, volume):
     cli.add_command(command)

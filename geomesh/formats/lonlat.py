@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre. A longitude in float64
 # has 13 decimals.
-_DECIMALS = (7, 9, 11, 13)
+DECIMALS = (7, 9, 11, 13)
 
 # Significant digits of attributes: the precision of float32.
 _DIGITS = 7
@@ -86,8 +86,8 @@ class LonLatLayer(Layer):
             If the mesh has no CRS or one of another celestial body, or if nodes have no
             longitude and latitude (outside the disc of a geostationary image, beyond a pole).
         """
-        crs = _crs_on_earth(mesh)
-        to_lonlat = _to_lonlat(crs)
+        crs = crs_on_earth(mesh)
+        to_lonlat = lonlat_of(crs)
         check_poles(mesh)
         lonlat = to_lonlat(mesh.map_nodes)
         off = np.count_nonzero(np.isnan(lonlat).any(axis=1))
@@ -98,7 +98,7 @@ class LonLatLayer(Layer):
                 f"none: {crop}write .gpkg"
             )
         layer, follower = Layer.of(mesh, name), None
-        if is_lonlat(crs) and not _is_distorted(mesh, lonlat):
+        if is_lonlat(crs) and not is_distorted(mesh, lonlat):
             x, y = _degrees(mesh).T
             lonlat[:, 0] += whole_turns(x - lonlat[:, 0])
             lonlat[:, 1] += y - y.clip(-90, 90)
@@ -196,13 +196,14 @@ def enough_decimals(lonlat: Points, triangles: Triangles) -> int:
     makes it flat.
     """
     before = _orientation(_short_way(lonlat[triangles]))
-    for places in _DECIMALS:
+    for places in DECIMALS:
         if (_orientation(_short_way(lonlat.round(places)[triangles])) == before).all():
             return places
-    return _DECIMALS[-1]
+    return DECIMALS[-1]
 
 
-def _crs_on_earth(mesh: TriangleMesh) -> CRS:
+def crs_on_earth(mesh: TriangleMesh) -> CRS:
+    """Return the CRS of a mesh; GeoreferenceError if there is none, or it is not on Earth."""
     crs = mesh.grid.crs
     if crs is None:
         raise GeoreferenceError(
@@ -214,7 +215,7 @@ def _crs_on_earth(mesh: TriangleMesh) -> CRS:
     return crs
 
 
-def _to_lonlat(crs: CRS) -> Callable[[Points], Points]:
+def lonlat_of(crs: CRS) -> Callable[[Points], Points]:
     """Return a function from map coordinates (N, 2) to degrees; NaN where there are none."""
     try:
         transformer = Transformer.from_crs(crs, LONLAT, always_xy=True)
@@ -240,7 +241,7 @@ def _degrees(mesh: TriangleMesh) -> Points:
     return mesh.map_nodes * float(np.degrees(crs.axis_info[0].unit_conversion_factor))
 
 
-def _is_distorted(mesh: TriangleMesh, lonlat: Points) -> bool:
+def is_distorted(mesh: TriangleMesh, lonlat: Points) -> bool:
     """Return whether longitudes change by different angles, as from one datum to another.
 
     That is so near the poles, which are in different places.

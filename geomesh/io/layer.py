@@ -46,7 +46,7 @@ def write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | 
     """
     layer = file.format.layer(file.mesh, file.name)
     _check_columns(layer, file.format)
-    file.format.write(layer, file, stream, writer_pool.write if writer_pool else _write_here)
+    file.format.write(layer, file, stream, writer_pool.write if writer_pool else write_here)
     found = file.format.count_rows(file.path, file.name)
     if found != len(layer):
         raise OSError(f"the file has only {found} of {len(layer)} {file.name}")
@@ -66,9 +66,10 @@ def _check_columns(layer: Layer, file_format: Format) -> None:
         taken.add(key)
 
 
-def _write_here(
+def write_here(
     schema: pa.Schema, batches: Iterator[pa.RecordBatch], options: Mapping[str, Any]
 ) -> None:
+    """Write rows with the keywords of pyogrio.write_arrow, in this process."""
     import pyarrow as pa
 
     with _in_process:

@@ -120,6 +120,11 @@ def unit_of(text: str | None) -> tuple[str, float] | None:
     return None
 
 
+def short_unit(unit: str) -> str:
+    """Return the sign of a unit, such as "m"; the name itself if it has none."""
+    return _SPELLINGS.get(unit, (unit,))[0]
+
+
 def _converted(metres: float) -> tuple[str, float]:
     for unit, size in METRES.items():
         if abs(metres / size - 1) < _SAME:
