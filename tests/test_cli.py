@@ -360,7 +360,8 @@ def test_settings_reach_the_recipe(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["mesh"], ["stages"], ["quality"], ["evaluate"], ["info"], ["convert"]]
+    "command",
+    [[], ["mesh"], ["stages"], ["quality"], ["evaluate"], ["info"], ["convert"], ["contours"]],
 )
 def test_help_shows_examples(command):
     stdout, _ = run(*command, "--help")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -133,7 +134,7 @@ def _describe(
     unit = short_unit(figures["unit"])
     if not figures["lines"]:
         low, high = height_range
-        if low != low:
+        if math.isnan(low):
             return "no contours: no triangle has heights"
         if low == high:
             return f"no contours: the mesh is flat, at {low:g} {unit}"

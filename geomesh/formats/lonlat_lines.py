@@ -88,10 +88,7 @@ def _followed(
     of_mesh = Follower.of(
         mesh.map_nodes, to_lonlat(mesh.map_nodes), mesh.nodes, mesh.triangles, to_lonlat
     )
-    a, b, c, d, e, f = (~mesh.grid.transform)[:6]
-    x, y = places.T
-    pixels = np.column_stack([a * x + b * y + c, d * x + e * y + f])
-    follower = Follower(places, lonlat, pixels, to_lonlat, of_mesh.pixel)
+    follower = Follower(places, lonlat, mesh.grid.to_pixel(places), to_lonlat, of_mesh.pixel)
     begin = np.flatnonzero(line[1:] == line[:-1])
     paths = follower.follow(begin, begin + 1)
     steps = np.zeros(len(places) - 1)
@@ -121,7 +118,7 @@ def _cut(places: Points, line: Counts, level: Floats) -> NDArray[Any]:
     single = np.bincount(line[kept], minlength=len(level)) < 2
     kept |= single[line]  # a line that no digits can tell from a point
     places, line = places[kept], line[kept]
-    whole = shapely.linestrings(np.column_stack([places, level[line]]), indices=line)
+    whole: NDArray[Any] = shapely.linestrings(np.column_stack([places, level[line]]), indices=line)
     beyond = np.flatnonzero(
         np.bincount(line, (np.abs(places) > (180, 90)).any(axis=1), minlength=len(level))
     )

@@ -119,7 +119,7 @@ def _cancelled(start: Counts, stop: Counts, level: Counts, nodes: int) -> Counts
         writes(boolean, 1),
     )
 )
-def _follow(
+def _follow(  # noqa: PLR0912  (compiled loops are one piece)
     after: Counts,
     begin: Counts,
     end: Counts,

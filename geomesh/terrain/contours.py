@@ -112,7 +112,8 @@ def trace_contours(
         progress(first / len(levels), f"Tracing contours at {len(levels):,} levels")
         parts.append(_trace(surface, levels, first, stop))
     if not parts:
-        return Contours(*np.zeros((1, 0), np.int64), np.zeros(0, np.bool_), *_nothing())
+        none = np.empty(0, np.int64)
+        return Contours(none, none.astype(np.bool_), _offsets(none), np.empty((0, 2)))
     sizes = np.concatenate([np.diff(part.offsets) for part in parts])
     return Contours(
         np.concatenate([part.rank for part in parts]),
@@ -120,10 +121,6 @@ def trace_contours(
         _offsets(sizes),
         np.concatenate([part.places for part in parts]),
     )
-
-
-def _nothing() -> tuple[Counts, Points]:
-    return np.zeros(1, np.int64), np.empty((0, 2))
 
 
 def _offsets(sizes: Counts) -> Counts:
