@@ -60,7 +60,11 @@ def test_links_between_documents_lead_somewhere():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::geomesh.GeomeshWarning")
 @pytest.mark.parametrize(
-    "page", ["getting-started", "choose-bands", "nodata", "breaklines", "batch", "web", "presets"]
+    "page",
+    [
+        *("getting-started", "choose-bands", "nodata", "breaklines", "contours", "batch", "web"),
+        "presets",
+    ],
 )
 def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -1,1 +1,5 @@
-"""What a mesh with heights says of the ground: volumes and contours."""
+"""What engineers ask of a mesh with heights: contours and volumes."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
