@@ -2,6 +2,7 @@ from . import delaunay as delaunay
 from . import evaluate as evaluate
 from . import features as features
 from . import raster as raster
+from . import terrain as terrain
 from . import zonal as zonal
 from ._version import __version__ as __version__
 from .api import Mesh as Mesh
