@@ -8,7 +8,7 @@ QGIS_VENV ?= .venv-qgis
 BIN := $(VENV)/bin
 SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
 SITE := build/docs
-KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py detect.py kernels.py outline.py \
+KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py contours.py detect.py kernels.py outline.py \
 	paint.py rasterize.py refine_kernels.py refine_parts.py refine_remove.py tiled.py topology.py \
 	triangulate.py zonal.py)
 
