@@ -6,16 +6,14 @@ reads the data on faces and the CRS. ParaView and xugrid read it too.
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from typing import TYPE_CHECKING, Any
-from unicodedata import combining
 
 from geomesh._version import __version__
 from geomesh.formats.format import Format, LayerFile, WriteRows
+from geomesh.formats.names import legal_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     import numpy as np
@@ -40,9 +38,6 @@ _UNITS = {
     **dict.fromkeys(("ab", "bc", "ca", "ki", "count"), "pixel"),
     **dict.fromkeys(("min_angle", "max_angle", "slope", "aspect"), "degree"),
 }
-
-# Of the bytes that NetCDF allows (256), enough for the number of a name that occurs twice.
-_LONGEST_NAME = 240
 
 # The size of a variable is stored in 32 bits with a sign; the largest has three corners a face.
 _MOST_FACES = (2**31 - 1) // (3 * 4)
@@ -126,27 +121,9 @@ def _add_data(
     values: NDArray[Any],
     attributes: Mapping[str, Any],
 ) -> None:
-    legal = _legal_name(name, dataset.variables)
+    legal = legal_name(name, dataset.variables)
     full = {} if legal == name else {"long_name": name.encode()}
     _add(dataset, legal, dimensions, values, {**attributes, **full})
-
-
-def _legal_name(name: str, taken: Iterable[str]) -> str:
-    """Return a name that every reader of NetCDF accepts: ASCII letters, digits and underscores.
-
-    Letters lose their accents; characters of other scripts become their code points, so that
-    different names stay different for a reader too.
-    """
-    plain = unicodedata.normalize("NFKD", name)
-    parts = (each if each.isascii() else f"u{ord(each):x}" for each in plain if not combining(each))
-    legal = re.sub("[^A-Za-z0-9_]", "_", "".join(parts))
-    legal = legal if legal[:1].isalpha() else f"b_{legal}"
-    stem, turn = legal[:_LONGEST_NAME], 1
-    legal = stem
-    while legal in taken:
-        turn += 1
-        legal = f"{stem}_{turn}"
-    return legal
 
 
 def _add(
