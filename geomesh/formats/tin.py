@@ -141,10 +141,12 @@ def tin_of(mesh: TriangleMesh) -> Tin:
     assert mesh.heights is not None
     rows = _with_heights(mesh)
     corners = mesh.triangles[rows]
-    nodes, position = np.unique(corners, return_inverse=True)
+    used = np.zeros(len(mesh.nodes), np.bool_)
+    used[corners] = True
+    nodes = np.flatnonzero(used)
     points: Points = np.column_stack([mesh.map_nodes[nodes], mesh.heights[nodes]])
-    triangles = position.reshape(-1, 3).astype(np.int32)
-    return Tin(points, triangles, nodes.astype(np.intp), rows)
+    triangles = (np.cumsum(used, dtype=np.int32) - np.int32(1))[corners]
+    return Tin(points, triangles, nodes, rows)
 
 
 def notes_on_voids(mesh: TriangleMesh) -> tuple[str, ...]:

@@ -11,6 +11,12 @@ if TYPE_CHECKING:
 
 _BRIGHTEST = 99
 
+# The value of each character as a hexadecimal digit.
+_NO_DIGIT = 255
+_DIGITS = np.full(256, _NO_DIGIT, np.uint8)
+for _value, _letters in enumerate([*"0123456789", *("aA", "bB", "cC", "dD", "eE", "fF")]):
+    _DIGITS[list(map(ord, _letters))] = _value
+
 
 def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
     """Return 8-bit colours (..., 3), brightened if the image is dark.
@@ -23,10 +29,19 @@ def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def parse_colors(colors: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return the red, green and blue bytes (n, 3) of colours '#rrggbb' (n,)."""
-    names, where = np.unique(colors.astype("U7"), return_inverse=True)
-    rgb = [tuple(bytes.fromhex(name[1:])) for name in names.tolist()]
-    return np.array(rgb, np.uint8).reshape(-1, 3)[where]
+    """Return the red, green and blue bytes (n, 3) of colours '#rrggbb' (n,).
+
+    Raises
+    ------
+    ValueError
+        If one of them is something else.
+    """
+    letters = np.ascontiguousarray(colors.astype("<U7")).view("<u4").reshape(-1, 7)
+    digits = _DIGITS[np.minimum(letters[:, 1:], len(_DIGITS) - 1)]
+    if (letters[:, 0] != ord("#")).any() or (digits == _NO_DIGIT).any():
+        raise ValueError("a colour is not written as #rrggbb")
+    rgb: NDArray[np.uint8] = digits[:, ::2] << 4 | digits[:, 1::2]
+    return rgb
 
 
 def format_colors(rgb: NDArray[np.uint8]) -> NDArray[np.str_]:
