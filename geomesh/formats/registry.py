@@ -23,6 +23,7 @@ _MODULES = (
     "dxf",
     "mesh_2dm",
     "gr3",
+    "stl",
     "ugrid",
 )
 
