@@ -24,6 +24,10 @@ _MODULES = (
     "mesh_2dm",
     "gr3",
     "stl",
+    "obj",
+    "ply",
+    "glb",
+    "vtu",
     "ugrid",
 )
 
