@@ -79,12 +79,13 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
     triangles = tin.triangles
     if base is not None:
         level = float(np.float32(base * frame.height_metres))
+        touches = bool(points[:, 2].min() <= level)
         points, triangles = closed_solid(points, triangles, level)
     corners = points.astype(np.float32)[triangles]
-    if base is not None and (corners == np.roll(corners, 1, axis=1)).all(axis=2).any():
+    if base is not None and (touches or _has_flat_walls(corners)):
         raise OutputError(
-            f"the base {base:g} is so close below the surface that a wall has no height in the "
-            "32-bit numbers of STL: choose a lower `solid`"
+            f"the base {base:g} is so close below the surface that they touch in the 32-bit "
+            "numbers of STL: choose a lower `solid`"
         )
     facets = np.zeros(len(triangles), _FACET)
     facets["corners"] = corners
@@ -97,6 +98,13 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, write_rows: Write
         output.write(header + np.uint32(len(facets)).astype("<u4").tobytes())
         output.write(facets.view(np.uint8).data)
     stream.rows += len(layer)
+
+
+def _has_flat_walls(corners: NDArray[np.float32]) -> bool:
+    """Return whether two corners of a facet (F, 3, 3) are the same."""
+    import numpy as np
+
+    return bool((corners == np.roll(corners, 1, axis=1)).all(axis=2).any())
 
 
 def _normals(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
