@@ -124,7 +124,7 @@ def test_notes_tell_of_origin_voids_and_degrees(tmp_path, extension):
         assert "holds metres east and north of x -43.748, y -22.201 (EPSG:4326)" in first
         assert ("rounded to" in first) == (extension == ".glb")
     else:
-        assert "holds x and y in degrees and heights in metres, so" in first
+        assert "holds x and y as angles and heights as lengths, so" in first
     assert "triangles have no heights and are left out" in second
 
 

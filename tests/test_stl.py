@@ -156,7 +156,7 @@ def test_the_header_and_the_notes_say_where_the_origin_is(tmp_path):
 @pytest.mark.parametrize("base", [1001.0, 1500.0, float("nan"), float("inf"), float("-inf")])
 def test_a_base_that_is_not_below_is_refused_with_the_lowest_height(tmp_path, base):
     mesh = terrain()
-    lowest = f"lowest height is {np.nanmin(mesh.heights):.10g} metre"
+    lowest = f"lowest height is {np.nanmin(mesh.heights):.10g} \\(in metre\\)"
     with pytest.raises(OutputError, match=lowest) as caught:
         write(mesh, tmp_path / "mesh.stl", base)
     assert "\n" not in str(caught.value)

@@ -105,12 +105,11 @@ def map_notes(mesh: TriangleMesh, driver: str) -> tuple[str, ...]:
     """
     require_heights(mesh, driver)
     crs = mesh.grid.crs
-    if crs is None or not has_angles(crs) or mesh.height is None:
+    if crs is None or not has_angles(crs):
         return notes_on_voids(mesh)
     note = (
-        f"{driver} holds x and y in {crs.axis_info[0].unit_name}s and heights in "
-        f"{mesh.height.unit}s, so a 3-D program shows it far too high: reproject the raster first, "
-        "or write .glb, which is in metres"
+        f"{driver} holds x and y as angles and heights as lengths, so a 3-D program shows it far "
+        "too high: reproject the raster first, or write .glb, which is in metres"
     )
     return (note, *notes_on_voids(mesh))
 

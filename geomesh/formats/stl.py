@@ -53,8 +53,9 @@ def _check_base(mesh: TriangleMesh, options: WriteOptions) -> None:
     lowest = float(tin_of(mesh).points[:, 2].min())
     if not (math.isfinite(options.solid) and options.solid < lowest):
         raise OutputError(
-            f"the base of a solid has to be below its surface, whose lowest height is "
-            f"{lowest:.10g} {mesh.height.unit}, and it is {options.solid:g}: choose a lower `solid`"
+            "the base of a solid has to be below its surface, whose lowest height is "
+            f"{lowest:.10g} (in {mesh.height.unit}), and it is {options.solid:g}: choose a lower "
+            "`solid`"
         )
 
 

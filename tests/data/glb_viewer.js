@@ -16,7 +16,7 @@ try {
     const box = new THREE.Box3().setFromObject(gltf.scene);
     const sphere = box.getBoundingSphere(new THREE.Sphere());
     const camera = new THREE.PerspectiveCamera(35, 1.5, sphere.radius / 100, sphere.radius * 10);
-    const away = new THREE.Vector3(0.6, 0.9, 1.2).normalize().multiplyScalar(2.1 * sphere.radius);
+    const away = new THREE.Vector3(0.6, 0.9, 1.2).normalize().multiplyScalar(2.5 * sphere.radius);
     camera.position.copy(sphere.center).add(away);
     camera.lookAt(sphere.center);
     const sun = new THREE.DirectionalLight(0xffffff, 1);
