@@ -166,9 +166,12 @@ ADVICE: dict[str, Advice] = {
         scene,
         "mesh scene.tif -o mesh",
         r"choose from \.gpkg, \.geojson, .*, \.nc$",
-        tuple(
-            f"mesh scene.tif -o mesh{end}"
-            for end in (".gpkg", ".geojson", ".fgb", ".parquet", ".nc")
+        (
+            *(
+                f"mesh scene.tif -o mesh{end}"
+                for end in (".gpkg", ".geojson", ".fgb", ".parquet", ".nc")
+            ),
+            *(f"mesh scene.tif -o mesh{end} --z 1" for end in (".2dm", ".stl", ".glb")),
         ),
     ),
     "no extension, quality": Advice(

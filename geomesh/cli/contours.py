@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console
-from geomesh.cli.options import height_options, output_options
+from geomesh.cli.height_options import height_options
+from geomesh.cli.options import output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.streams import echo
 

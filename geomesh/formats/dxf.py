@@ -12,31 +12,14 @@ from io import StringIO
 from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from geomesh.errors import extra_required
-from geomesh.formats.batch_stream import BATCH_ROWS
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
-from geomesh.formats.tin import (
-    notes_on_voids,
-    require_heights,
-    require_lengths,
-    tin_layer,
-    tin_of,
-)
-from geomesh.formats.tin_text import document_lines, document_of, name_of
-from geomesh.formats.tin_units import (
-    converted,
-    height_unit,
-    horizontal_unit,
-    note_on_conversion,
-    told_crs,
-)
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from geomesh.formats.arrow import Layer
@@ -93,6 +76,9 @@ def _require() -> None:
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
+    from geomesh.formats.tin import notes_on_voids, require_heights, require_lengths, tin_of
+    from geomesh.formats.tin_units import horizontal_unit, note_on_conversion, told_crs
+
     require_heights(mesh, _DRIVER)
     require_lengths(mesh, _DRIVER)
     unit, crs = horizontal_unit(mesh.grid.crs), mesh.grid.crs
@@ -111,6 +97,8 @@ def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noq
 
 
 def _insunits(mesh: TriangleMesh) -> int:
+    from geomesh.formats.tin_units import horizontal_unit
+
     unit = horizontal_unit(mesh.grid.crs)
     if unit is None:
         return _UNITLESS
@@ -126,6 +114,13 @@ def _estimate(tin: Tin) -> float:
 
 
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
+    import numpy as np
+
+    from geomesh.formats.batch_stream import BATCH_ROWS
+    from geomesh.formats.tin import tin_of
+    from geomesh.formats.tin_text import document_lines, name_of
+    from geomesh.formats.tin_units import converted, height_unit, horizontal_unit, told_crs
+
     mesh, tin = file.mesh, tin_of(file.mesh)
     points = tin.points
     wanted = horizontal_unit(mesh.grid.crs)
@@ -152,6 +147,7 @@ def _frame(mesh: TriangleMesh, tin: Tin, points: NDArray[np.float64]) -> tuple[A
     from ezdxf.filemanagement import new
 
     from geomesh.formats.tin_lines import lines_of
+    from geomesh.formats.tin_units import told_crs
 
     code = _insunits(mesh)
     drawing = new(_VERSION, units=code)
@@ -178,6 +174,10 @@ def _faces(
     points: NDArray[np.float64], triangles: NDArray[np.int32], first: int, owner: str
 ) -> Iterator[bytes]:
     """Yield the text of some thousands of faces after the other."""
+    import numpy as np
+
+    from geomesh.formats.batch_stream import BATCH_ROWS
+
     template = _FACE.format(handle="%X", owner=owner)
     for start in range(0, len(triangles), BATCH_ROWS):
         corners = triangles[start : start + BATCH_ROWS]
@@ -208,6 +208,8 @@ def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
 
 
 def _read_document(path: Path) -> str:
+    from geomesh.formats.tin_text import document_of
+
     with path.open(encoding="utf-8", errors="replace", newline="\n") as lines:
         return document_of(takewhile(lambda line: line != "  0\n", lines), "")
 
@@ -219,7 +221,7 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=tin_layer,
+    layer=layer_with_heights,
     leaves_out_voids=True,
     notes=_notes,
     require=_require,

@@ -76,6 +76,13 @@ def _layer_of(mesh: TriangleMesh, name: LayerName) -> Layer:
     return Layer.of(mesh, name)
 
 
+def layer_with_heights(mesh: TriangleMesh, name: LayerName) -> Layer:
+    """Return the layer of the triangles with heights, for `Format.layer`."""
+    from geomesh.formats.tin import tin_layer
+
+    return tin_layer(mesh, name)
+
+
 @dataclass(frozen=True)
 class Joining:
     """How to join layers that were written to separate files into one file.

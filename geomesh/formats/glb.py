@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import LayerName
 
 _MAGIC, _JSON, _BINARY = b"glTF", b"JSON", b"BIN\0"
 _VERSION = 2
@@ -29,12 +28,6 @@ _VERTICES, _INDICES = 34962, 34963
 
 # The length of the file is stored in 32 bits; a triangle has 12 bytes, and 28 for half a node.
 _MOST_TRIANGLES = (2**32 - 2**24) // 40
-
-
-def _layer(mesh: TriangleMesh, name: LayerName) -> Layer:
-    from geomesh.formats.tin import tin_layer
-
-    return tin_layer(mesh, name)
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
@@ -210,7 +203,8 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=_layer,
+    layer=layer_with_heights,
+    leaves_out_voids=True,
     most_rows=_MOST_TRIANGLES,
     notes=_notes,
 )

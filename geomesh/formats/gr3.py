@@ -9,20 +9,7 @@ from __future__ import annotations
 from itertools import islice
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
-from geomesh.formats.tin import notes_on_voids, require_heights, tin_layer, tin_of
-from geomesh.formats.tin_text import (
-    check_corners,
-    document_lines,
-    document_of,
-    name_of,
-    read_rows,
-    write_rows,
-)
-from geomesh.formats.tin_units import METRE, converted, height_unit, horizontal_unit, told_crs
-from geomesh.raster.crs import has_angles
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,6 +33,10 @@ _OUTER, _ISLAND = 0, 1
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
+    from geomesh.formats.tin import notes_on_voids, require_heights
+    from geomesh.formats.tin_units import METRE, height_unit, horizontal_unit
+    from geomesh.raster.crs import has_angles
+
     require_heights(mesh, _DRIVER)
     own, crs = height_unit(mesh), mesh.grid.crs
     unit = "" if own.equals(METRE.metres) else f", converted from {own.name} to metre"
@@ -57,7 +48,12 @@ def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noq
 
 
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
+    import numpy as np
+
+    from geomesh.formats.tin import tin_of
     from geomesh.formats.tin_lines import lines_of
+    from geomesh.formats.tin_text import document_lines, name_of, write_rows
+    from geomesh.formats.tin_units import METRE, converted, height_unit, told_crs
 
     mesh, tin = file.mesh, tin_of(file.mesh)
     x, y, heights = tin.points.T
@@ -81,6 +77,10 @@ def _write_boundaries(out: BinaryIO, lines: TinLines) -> None:
     An outer one ends at its first node, so that its last side is part of it; an island is
     closed by the models themselves.
     """
+    import numpy as np
+
+    from geomesh.formats.tin_text import write_rows
+
     rings = [(_OUTER, np.append(ring, ring[:1]) + 1) for ring in lines.outer]
     rings += [(_ISLAND, ring + 1) for ring in lines.holes]
     total = sum(len(nodes) for _, nodes in rings)
@@ -95,6 +95,8 @@ def _write_boundaries(out: BinaryIO, lines: TinLines) -> None:
 
 
 def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
+    from geomesh.formats.tin_text import check_corners, read_rows
+
     try:
         with path.open(encoding="utf-8", newline="\n") as lines:
             next(lines, "")
@@ -113,6 +115,8 @@ def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
 
 
 def _read_boundaries(lines: Iterator[str], nodes: int) -> None:
+    from geomesh.formats.tin_text import check_corners, read_rows
+
     for _ in ("open", "land"):
         count, total = _read_number(lines), _read_number(lines)
         for _ in range(count):
@@ -129,6 +133,8 @@ def _read_number(lines: Iterator[str]) -> int:
 
 
 def _read_document(path: Path) -> str:
+    from geomesh.formats.tin_text import document_of
+
     with path.open(encoding="utf-8", errors="replace", newline="\n") as lines:
         return document_of(lines, _MARK)
 
@@ -140,7 +146,7 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=tin_layer,
+    layer=layer_with_heights,
     leaves_out_voids=True,
     notes=_notes,
 )

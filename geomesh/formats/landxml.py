@@ -10,38 +10,22 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
-
 from geomesh._version import __version__
 from geomesh.errors import GeoreferenceError
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
-from geomesh.formats.landxml_reading import count_rows, read_document
-from geomesh.formats.tin import (
-    notes_on_voids,
-    require_heights,
-    require_lengths,
-    tin_layer,
-    tin_of,
-)
-from geomesh.formats.tin_text import name_of, one_line_of, write_rows
-from geomesh.formats.tin_units import (
-    LinearUnit,
-    converted,
-    height_unit,
-    horizontal_unit,
-    note_on_conversion,
-    told_crs,
-)
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import BinaryIO
 
+    import numpy as np
     from numpy.typing import NDArray
     from pyproj import CRS
 
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.formats.tin_lines import TinLines
+    from geomesh.formats.tin_units import LinearUnit
     from geomesh.mesh.triangle_mesh import TriangleMesh
 
 _DRIVER = "LandXML"
@@ -77,6 +61,8 @@ _OTHER_AREAS = ("kilometer",)
 
 def _unit(mesh: TriangleMesh) -> LinearUnit:
     """Return the unit of the file, by its name in LandXML."""
+    from geomesh.formats.tin_units import LinearUnit, height_unit, horizontal_unit
+
     wanted = horizontal_unit(mesh.grid.crs) or height_unit(mesh)
     for _, name, _, metres in _UNITS:
         if wanted.equals(metres):
@@ -88,6 +74,9 @@ def _unit(mesh: TriangleMesh) -> LinearUnit:
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
+    from geomesh.formats.tin import notes_on_voids, require_heights, require_lengths
+    from geomesh.formats.tin_units import horizontal_unit, note_on_conversion
+
     require_heights(mesh, _DRIVER)
     require_lengths(mesh, _DRIVER)
     unit = _unit(mesh)
@@ -103,7 +92,12 @@ def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noq
 
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
     """Write the surface row by row: a tree of a million points would need gigabytes."""
+    import numpy as np
+
+    from geomesh.formats.tin import tin_of
     from geomesh.formats.tin_lines import lines_of
+    from geomesh.formats.tin_text import name_of, write_rows
+    from geomesh.formats.tin_units import converted, height_unit, told_crs
 
     mesh, tin = file.mesh, tin_of(file.mesh)
     unit = _unit(mesh)
@@ -128,6 +122,8 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRow
 
 
 def _open(out: BinaryIO, element: str, end: str = "", **attributes: str) -> None:
+    from geomesh.formats.tin_text import one_line_of
+
     told = "".join(f" {name}={quoteattr(one_line_of(value))}" for name, value in attributes.items())
     out.write(f"<{element}{told}{end}>\n".encode())
 
@@ -182,6 +178,8 @@ def _measures(
     points: NDArray[np.float64], triangles: NDArray[np.int32], unit: LinearUnit
 ) -> dict[str, str]:
     """Return lowest and highest point, and the areas where their unit is that of lengths."""
+    import numpy as np
+
     told = {"elevMax": points[:, 2].max(), "elevMin": points[:, 2].min()}
     if unit.name not in _OTHER_AREAS:
         a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -217,14 +215,26 @@ def _write_list(out: BinaryIO, places: NDArray[np.float64]) -> None:
     out.write(f"<PntList3D>{text}</PntList3D>\n".encode())
 
 
+def _count_rows(path: Path, layer: str) -> int:
+    from geomesh.formats.landxml_reading import count_rows
+
+    return count_rows(path, layer)
+
+
+def _read_document(path: Path) -> str:
+    from geomesh.formats.landxml_reading import read_document
+
+    return read_document(path)
+
+
 FORMAT = Format(
     _DRIVER,
     (".xml", ".landxml"),
     _write,
-    count_rows,
-    read_document,
+    _count_rows,
+    _read_document,
     layers=("triangles",),
-    layer=tin_layer,
+    layer=layer_with_heights,
     leaves_out_voids=True,
     notes=_notes,
 )

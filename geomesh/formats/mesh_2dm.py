@@ -9,19 +9,7 @@ from __future__ import annotations
 from itertools import groupby, takewhile
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
-from geomesh.formats.tin import notes_on_voids, require_heights, tin_layer, tin_of
-from geomesh.formats.tin_text import (
-    check_corners,
-    document_lines,
-    document_of,
-    name_of,
-    read_rows,
-    write_rows,
-)
-from geomesh.formats.tin_units import told_crs
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,11 +23,19 @@ _MARK = "# "
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
+    from geomesh.formats.tin import notes_on_voids, require_heights
+
     require_heights(mesh, _DRIVER)
     return notes_on_voids(mesh)
 
 
 def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRows) -> None:  # noqa: ARG001
+    import numpy as np
+
+    from geomesh.formats.tin import tin_of
+    from geomesh.formats.tin_text import document_lines, name_of, write_rows
+    from geomesh.formats.tin_units import told_crs
+
     tin = tin_of(file.mesh)
     nodes, triangles = len(tin.points), len(tin.triangles)
     about = [name_of(file.mesh), told_crs(file.mesh)]
@@ -55,6 +51,10 @@ def _write(layer: Layer, file: LayerFile, stream: BatchStream, by_gdal: WriteRow
 
 
 def _count_rows(path: Path, layer: str) -> int:  # noqa: ARG001
+    import numpy as np
+
+    from geomesh.formats.tin_text import check_corners, read_rows
+
     nodes, triangles, last = np.empty((0, 4)), np.empty((0, 4), np.int64), ""
     try:
         with path.open(encoding="utf-8", newline="\n") as lines:
@@ -79,6 +79,8 @@ def _end(nodes: int, triangles: int) -> str:
 
 
 def _read_document(path: Path) -> str:
+    from geomesh.formats.tin_text import document_of
+
     with path.open(encoding="utf-8", errors="replace", newline="\n") as lines:
         return document_of(takewhile(lambda line: not line.startswith("ND"), lines), _MARK)
 
@@ -90,7 +92,7 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=tin_layer,
+    layer=layer_with_heights,
     leaves_out_voids=True,
     notes=_notes,
 )

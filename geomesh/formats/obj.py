@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,17 +15,10 @@ if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import LayerName
 
 # Decimals of a metre: programs keep 32 bits, so more would not be seen.
 _DECIMALS = 6
 _COLOR_DECIMALS = 4
-
-
-def _layer(mesh: TriangleMesh, name: LayerName) -> Layer:
-    from geomesh.formats.tin import tin_layer
-
-    return tin_layer(mesh, name)
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
@@ -128,6 +121,7 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=_layer,
+    layer=layer_with_heights,
+    leaves_out_voids=True,
     notes=_notes,
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 from geomesh.formats.names import legal_name
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import LayerName
 
 _CORNERS = "vertex_indices"
 
@@ -40,12 +39,6 @@ _DTYPES = {name: f"<{code}" for code, name in _TYPES.items()}
 
 _HEADER = re.compile(rb"ply\nformat binary_little_endian 1\.0\n(.*?)end_header\n", re.DOTALL)
 _MOST_FACES = 2**31 - 1
-
-
-def _layer(mesh: TriangleMesh, name: LayerName) -> Layer:
-    from geomesh.formats.tin import tin_layer
-
-    return tin_layer(mesh, name)
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
@@ -207,7 +200,8 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=_layer,
+    layer=layer_with_heights,
+    leaves_out_voids=True,
     most_rows=_MOST_FACES,
     notes=_notes,
 )

@@ -9,7 +9,14 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from geomesh.errors import OutputError
-from geomesh.formats.format import PLAIN, Format, LayerFile, WriteOptions, WriteRows
+from geomesh.formats.format import (
+    PLAIN,
+    Format,
+    LayerFile,
+    WriteOptions,
+    WriteRows,
+    layer_with_heights,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +27,6 @@ if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import LayerName
 
 _HEADER = 80
 _FACET = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
@@ -28,12 +34,6 @@ _FACET = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")
 # The number of facets is stored in 32 bits; a solid has two for each triangle, and the walls.
 _MOST_FACETS = 2**32 - 1
 _MOST_TRIANGLES = _MOST_FACETS // 8
-
-
-def _layer(mesh: TriangleMesh, name: LayerName) -> Layer:
-    from geomesh.formats.tin import tin_layer
-
-    return tin_layer(mesh, name)
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions = PLAIN) -> tuple[str, ...]:
@@ -174,7 +174,8 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=_layer,
+    layer=layer_with_heights,
+    leaves_out_voids=True,
     most_rows=_MOST_TRIANGLES,
     options=("solid",),
     notes=_notes,

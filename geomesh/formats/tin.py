@@ -128,7 +128,7 @@ def _utm_zone(crs: CRS, places: Points) -> str:
 
 
 def tin_layer(mesh: TriangleMesh, name: LayerName) -> Layer:
-    """Return the layer of the triangles with heights, for `Format.layer`."""
+    """Return the layer of the triangles with heights."""
     layer = Layer.of(mesh, name)
     rows = _with_heights(mesh)
     if len(rows) == len(layer):

@@ -10,7 +10,7 @@ from base64 import b64decode, b64encode
 from typing import TYPE_CHECKING, Any, BinaryIO
 from xml.sax.saxutils import quoteattr
 
-from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows
+from geomesh.formats.format import Format, LayerFile, WriteOptions, WriteRows, layer_with_heights
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.mesh.triangle_mesh import TriangleMesh
-    from geomesh.parameters import LayerName
 
 _TRIANGLE = 5  # the number of this type of cell
 _KINDS = {"i": "Int", "u": "UInt", "f": "Float"}
@@ -34,12 +33,6 @@ _HEAD = b"""<?xml version="1.0"?>
 """
 _TAIL = b"</Piece>\n</UnstructuredGrid>\n</VTKFile>"
 _SIZE = 8  # bytes of the number before each array that says how long it is
-
-
-def _layer(mesh: TriangleMesh, name: LayerName) -> Layer:
-    from geomesh.formats.tin import tin_layer
-
-    return tin_layer(mesh, name)
 
 
 def _notes(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...]:  # noqa: ARG001
@@ -182,6 +175,7 @@ FORMAT = Format(
     _count_rows,
     _read_document,
     layers=("triangles",),
-    layer=_layer,
+    layer=layer_with_heights,
+    leaves_out_voids=True,
     notes=_notes,
 )
