@@ -8,9 +8,9 @@ QGIS_VENV ?= .venv-qgis
 BIN := $(VENV)/bin
 SAMPLE := data_samples/olinda_landsat7_rgb_uint8.tif
 SITE := build/docs
-KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py contours.py detect.py kernels.py outline.py \
-	paint.py rasterize.py refine_kernels.py refine_parts.py refine_remove.py tiled.py topology.py \
-	triangulate.py zonal.py)
+KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py contours.py detect.py \
+	kernels.py outline.py paint.py rasterize.py refine_kernels.py refine_parts.py refine_remove.py \
+	tiled.py topology.py triangulate.py volume.py zonal.py)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-fast test-bounds lint hooks docs bench bench-scale bench-fidelity plugin test-qgis qgis-is-there clean
