@@ -49,6 +49,9 @@ def main() -> None:
     import adaptive_pictures  # which imports this module
 
     adaptive_pictures.main()
+    import terrain_pictures
+
+    terrain_pictures.main()
 
 
 def draw_hero() -> None:

@@ -55,7 +55,7 @@ def draw_tin() -> None:
         )
         if lines is not None:
             gpd.read_file(STREAM).plot(ax=panel, color=BLUE, linewidth=2)
-        show_map(panel, mesh, f"{len(mesh.nodes):,} nodes {title}")
+        show_map(panel, mesh, f"{len(mesh.nodes):,} nodes: {title}")
     figure.tight_layout()
     keep(figure, "terrain_tin")
 
@@ -111,7 +111,7 @@ def shaded(heights: NDArray[np.float32]) -> NDArray[Any]:
 
 def show_map(panel: Axes, mesh: geomesh.Mesh, title: str) -> None:
     west, south, east, north = mesh.grid.bounds()
-    panel.set(xlim=(west, east), ylim=(south, north), xticks=[], yticks=[])
+    panel.set(xlim=(west, east), ylim=(south, north), xticks=[], yticks=[], xlabel="", ylabel="")
     panel.set_aspect(PIXEL[1] / PIXEL[0])
     panel.set_title(title, fontsize=10)
 

@@ -108,7 +108,16 @@ def test_the_metadata_are_complete(metadata):
     assert metadata["Keywords"]
     assert metadata["Description-Content-Type"] == "text/markdown"
     extras = set(metadata.get_all("Provides-Extra"))
-    assert extras == {"dask", "evaluate", "exact", "figures", "graph", "notebook", "xarray"}
+    assert extras == {
+        "dask",
+        "evaluate",
+        "exact",
+        "figures",
+        "graph",
+        "notebook",
+        "terrain",
+        "xarray",
+    }
     # There is no public address yet. No address is better than one that does not work.
     assert metadata.get_all("Project-URL") is None
 
