@@ -23,7 +23,7 @@ from ..files import find_format_fault, find_output_fault
 from ..inputs import RasterInput, describe_raster
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 # Models and scripts know a preset by its place here, so new ones are put at the end.
 PRESETS = {
@@ -65,11 +65,25 @@ def preset_parameter() -> QgsProcessingParameterEnum:
     return QgsProcessingParameterEnum("PRESET", "Preset", list(PRESETS.values()), False, default)
 
 
-def in_the_dialogs_words(text: str) -> str:
-    """Return a message of geomesh with its options replaced by the names in the dialog."""
-    for option, words in _WORDS.items():
+def in_the_dialogs_words(text: str, own: Mapping[str, str] | None = None) -> str:
+    """Return a message of geomesh with its options replaced by the names in the dialog.
+
+    Parameters
+    ----------
+    text : str
+    own : mapping of str to str, optional
+        Options that one dialog calls by another name than the others do.
+    """
+    for option, words in {**_WORDS, **(own or {})}.items():
         text = text.replace(option, words)
     return text
+
+
+def tell_certificate(figures: dict, about: dict, feedback: QgsProcessingFeedback) -> None:
+    """Write the size of a mesh and the facts of its certificate to the log."""
+    feedback.pushInfo(f"{figures['nodes']:,} nodes, {figures['triangles']:,} triangles, certified")
+    for fact in about.get("certificate", {}).get("facts", []):
+        feedback.pushInfo(f"{fact['name']}: {fact['detail']}")
 
 
 class GeomeshAlgorithm(QgsProcessingAlgorithm):
@@ -81,6 +95,7 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
     TAGS: Sequence[str] = ()
     SUMMARY = ""
     HELP = ""
+    WORDS: Mapping[str, str] = {}  # what only this dialog calls an option of geomesh
 
     def createInstance(self) -> GeomeshAlgorithm:
         """Return a new instance. Each run has its own."""
@@ -157,6 +172,15 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         path = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
         return find_format_fault(path) or find_output_fault(path, context.project(), read)
 
+    def find_mesh_layer_fault(
+        self, name: str, parameters: dict, context: QgsProcessingContext, read: Sequence[str]
+    ) -> str:
+        """Return why the mesh layer of a parameter cannot be written, or an empty text."""
+        path = self.parameterAsFileOutput(parameters, name, QgsProcessingContext())
+        if path and not path.lower().endswith(".nc"):
+            return f"{path} does not end in .nc: a mesh layer is a UGRID file (.nc)."
+        return self.find_file_output_fault(name, parameters, context, read)
+
     def find_file_output_fault(
         self, name: str, parameters: dict, context: QgsProcessingContext, read: Sequence[str]
     ) -> str:
@@ -168,7 +192,7 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         self,
         arguments: Sequence[str],
         feedback: QgsProcessingFeedback,
-        output: str,
+        output: str | None,
         span: tuple[float, float] = (0, 1),
     ) -> dict:
         """Run a command and return its figures.
@@ -179,8 +203,8 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
             Name of the command, its options and its input.
         feedback : QgsProcessingFeedback
             Receives progress and warnings. It also tells whether the user cancelled.
-        output : str
-            File that the command writes. It replaces an older file.
+        output : str or None
+            File that the command writes. It replaces an older file. None: it writes none.
         span : (float, float)
             Part of the whole run that this command takes, from 0 to 1.
 
@@ -200,7 +224,7 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
                 feedback.setProgressText(message)
 
         name, *rest = arguments
-        target = ["-o", output, "--overwrite"]
+        target = ["-o", output, "--overwrite"] if output else []
         spell = subprocess.list2cmdline if sys.platform == "win32" else shlex.join
         try:
             program = settings.installation().command
@@ -209,16 +233,17 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
             outcome = runner.run(
                 command,
                 progress=progress,
-                warn=lambda text: feedback.pushWarning(in_the_dialogs_words(text)),
+                warn=lambda text: feedback.pushWarning(in_the_dialogs_words(text, self.WORDS)),
                 cancelled=feedback.isCanceled,
-                places=[Path(output).parent],
+                places=[Path(output).parent] if output else [],
             )
         except environment.EnvironmentProblem as problem:
             raise QgsProcessingException(str(problem)) from problem
         except runner.RunError as error:
-            raise QgsProcessingException(in_the_dialogs_words(str(error))) from error
+            raise QgsProcessingException(in_the_dialogs_words(str(error), self.WORDS)) from error
         except runner.Cancelled as stop:
-            raise QgsProcessingException(f"Cancelled: {output} was not written.") from stop
+            left = f"{output} was not written." if output else "there is no result."
+            raise QgsProcessingException(f"Cancelled: {left}") from stop
         return outcome.figures
 
 

@@ -21,7 +21,6 @@ from qgis.core import (
     QgsProcessingParameterVectorDestination,
 )
 
-from ..inputs import export_breaklines, export_shapes
 from ..results import LAYERS
 from .base import PRESETS, RasterAlgorithm, preset_parameter
 from .recipe_parameters import recipe_options, recipe_parameters
@@ -33,6 +32,7 @@ from .refinement_parameters import (
     read_wanted,
     refinement_options,
 )
+from .shapes import shape_options
 from .values import is_given
 
 if TYPE_CHECKING:
@@ -143,10 +143,5 @@ def mesh_options(
     if algorithm.parameterAsBool(parameters, "UNSCALE", context):
         options += ["--unscale"]
     options += algorithm.extent_options(parameters, context)
-    mask = algorithm.parameterAsSource(parameters, "MASK", context)
-    if mask is not None:
-        options += ["--mask", export_shapes(mask, folder / "mask.gpkg", feedback)]
-    lines = algorithm.parameterAsSource(parameters, "BREAKLINES", context)
-    if lines is not None:
-        options += ["--breaklines", export_breaklines(lines, folder, feedback)]
+    options += shape_options(algorithm, parameters, context, folder, feedback, area="MASK")
     return options + recipe_options(algorithm, parameters, context)

@@ -25,11 +25,12 @@ from ..results import (
     open_triangles,
 )
 from ..surface import find_channels
-from .base import PRESETS, RasterAlgorithm
+from .base import PRESETS, RasterAlgorithm, tell_certificate
 from .mesh_parameters import DOMAINS, mesh_options, mesh_parameters
 from .recipe_parameters import find_recipe_fault
 from .refinement_faults import Around, find_refinement_fault
 from .refinement_parameters import read_wanted
+from .shapes import find_breaklines_fault
 from .values import find_number_fault, is_given
 
 
@@ -95,18 +96,11 @@ The other presets keep the strongest features, spread evenly.<br/>
             or self._find_mesh_layer_fault(parameters, context, read)
             or find_number_fault(self, parameters)
             or find_recipe_fault(self, parameters, context)
-            or self._find_breaklines_fault(parameters, context)
+            or find_breaklines_fault(self, parameters, context)
             or find_refinement_fault(
                 read_wanted(self, parameters, context), self._around(parameters, context)
             )
         )
-
-    def _find_breaklines_fault(self, parameters: dict, context: QgsProcessingContext) -> str:
-        if not is_given(parameters, "BREAKLINES", context):
-            return ""
-        if self.parameterAsSource(parameters, "BREAKLINES", context) is not None:
-            return ""
-        return "The layer of breaklines cannot be read: choose another one."
 
     def _around(self, parameters: dict, context: QgsProcessingContext) -> Around:
         """Return the values that those of the preset adaptive have to fit."""
@@ -124,19 +118,18 @@ The other presets keep the strongest features, spread evenly.<br/>
     def _find_mesh_layer_fault(
         self, parameters: dict, context: QgsProcessingContext, read: list[str]
     ) -> str:
+        fault = self.find_mesh_layer_fault("MESH", parameters, context, read)
         mesh = self.parameterAsFileOutput(parameters, "MESH", QgsProcessingContext())
-        if not mesh:
-            return ""
+        if fault or not mesh:
+            return fault
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", QgsProcessingContext())
-        if not mesh.lower().endswith(".nc"):
-            return f"{mesh} does not end in .nc: a mesh layer is a UGRID file (.nc)."
         if not is_geopackage(output) and is_same_file(str(Path(output).with_suffix("")), mesh[:-3]):
             # QGIS saves the styles of both files under this name.
             return (
                 f"{output} and {mesh} would share one style file: choose another name for one "
                 "of them."
             )
-        return self.find_file_output_fault("MESH", parameters, context, read)
+        return ""
 
     def processAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
@@ -178,11 +171,7 @@ The other presets keep the strongest features, spread evenly.<br/>
             about=about,
             channels=channels,
         )
-        feedback.pushInfo(
-            f"{figures['nodes']:,} nodes, {figures['triangles']:,} triangles, certified"
-        )
-        for fact in about.get("certificate", {}).get("facts", []):
-            feedback.pushInfo(f"{fact['name']}: {fact['detail']}")
+        tell_certificate(figures, about, feedback)
         results = {
             "OUTPUT": uris["triangles"],
             "NODE_COUNT": figures["nodes"],
