@@ -124,6 +124,12 @@ def describe_raster(layer: QgsRasterLayer) -> RasterInput:
     )
 
 
+def nodata_of(raster: RasterInput) -> float | None:
+    """Return the nodata value that only the layer has, if there is one."""
+    given = dict(zip(raster.options[::2], raster.options[1::2])).get("--nodata")
+    return None if given is None else float(given)
+
+
 def raster_options(raster: RasterInput, folder: Path, feedback: QgsProcessingFeedback) -> list[str]:
     """Return the options and the argument for a raster. New files are written to `folder`."""
     for note in raster.notes:

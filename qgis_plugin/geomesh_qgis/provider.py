@@ -7,6 +7,7 @@ from pathlib import Path
 from qgis.core import QgsProcessingProvider
 from qgis.PyQt.QtGui import QIcon
 
+from .algorithms.dem_to_tin import DemToTin
 from .algorithms.mesh_quality import MeshQuality
 from .algorithms.raster_to_mesh import RasterToMesh
 from .algorithms.stages import Stages
@@ -21,7 +22,7 @@ class GeomeshProvider(QgsProcessingProvider):
 
     def loadAlgorithms(self) -> None:
         """Add the algorithms."""
-        for algorithm in (RasterToMesh, MeshQuality, Stages):
+        for algorithm in (RasterToMesh, DemToTin, MeshQuality, Stages):
             self.addAlgorithm(algorithm())
 
     def id(self) -> str:

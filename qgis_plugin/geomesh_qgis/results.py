@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Callable
 
 from qgis.core import (
     QgsCoordinateReferenceSystem,
@@ -12,12 +14,14 @@ from qgis.core import (
     QgsMeshLayer,
     QgsProcessingContext,
     QgsProcessingException,
+    QgsProject,
     QgsVectorLayer,
 )
 
 from .files import is_geopackage
 from .provenance import as_metadata
 from .styling import VECTOR_STYLES, keep_style, style_mesh_layer, style_surface
+from .terrain_styling import style_contours, style_heights
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
 
 # The order in which geomesh writes the layers.
 LAYERS = ("triangles", "edges", "nodes")
+
+_STYLES = {**VECTOR_STYLES, "contours": style_contours}
 
 # The name that a GeoPackage gives to a missing CRS. QGIS reads it as a real CRS.
 _UNDEFINED = "Undefined"
@@ -43,9 +49,9 @@ def layer_uri(path: str, name: str) -> str:
 
 
 def dress_vector_layer(uri: str, style: str) -> None:
-    """Set one of `VECTOR_STYLES` for a layer of a mesh, and save it with the data."""
+    """Set the style with this name for a layer of a mesh, and save it with the data."""
     layer = _open(uri, style)
-    VECTOR_STYLES[style](layer)
+    _STYLES[style](layer)
     keep_style(layer)
 
 
@@ -66,6 +72,43 @@ def dress_mesh_layer(path: str, channels: Sequence[Channel] = ()) -> None:
     else:
         style_mesh_layer(layer)
     keep_style(layer)
+
+
+def dress_tin(path: str) -> None:
+    """Colour a UGRID file by its heights, and save the style beside the file."""
+    layer = _open(path, "TIN", is_mesh=True)
+    style_heights(layer)
+    keep_style(layer)
+
+
+@dataclass(frozen=True)
+class NewLayer:
+    """A result that is to become a layer of the project.
+
+    Parameters
+    ----------
+    uri : str
+    kind : str
+        What it shows. It begins the name of the layer, and of its output if there is no other.
+    title : str
+        End of the layer name, if the file is temporary; otherwise the name of the file.
+    name : str
+        The whole name of the layer, instead of `kind` and `title`.
+    output : str
+        Name of the output of the algorithm.
+    is_mesh : bool
+        Whether it is a mesh layer.
+    dress : callable(layer), optional
+        Changes the style that is saved with the data.
+    """
+
+    uri: str
+    kind: str
+    title: str = ""
+    name: str = ""
+    output: str = ""
+    is_mesh: bool = False
+    dress: Callable[[Any], None] | None = None
 
 
 def load_when_done(
@@ -96,27 +139,81 @@ def load_when_done(
     channels : sequence of Channel, optional
         Bands of the linear surface of "mesh", each of which becomes a mesh layer.
     """
+    asked = take_request(context, output)
+    if asked is None:
+        return
+    new = []
+    for kind, uri, channel in _in_order(uris, channels):
+        is_main = kind == "triangles"
+        shown, dress = kind, None
+        if channel is not None:
+            shown = f"{kind} {channel.name}".strip()
+            dress = partial(style_surface, channel=channel, adds=channel is not channels[0])
+        new.append(
+            NewLayer(
+                uri,
+                shown,
+                title,
+                chosen_name(asked, unnamed) if is_main else "",
+                asked.outputName if is_main else kind.upper(),
+                kind == "mesh",
+                dress,
+            )
+        )
+    load_layers(context, new, about, asked.project)
+
+
+def take_request(
+    context: QgsProcessingContext, output: str
+) -> QgsProcessingContext.LayerDetails | None:
+    """Return how QGIS was going to load an output, which it then does not load by itself.
+
+    None if it was not going to: for a model, or a program that only needs files.
+    """
     pending = context.layersToLoadOnCompletion()
-    if output not in pending:
-        return  # a model, or a program that only needs files
-    asked = pending.pop(output)
-    for rank, (kind, uri, channel) in enumerate(_in_order(uris, channels)):
+    asked = pending.pop(output, None)
+    context.setLayersToLoadOnCompletion(pending)
+    return asked
+
+
+def chosen_name(asked: QgsProcessingContext.LayerDetails, unnamed: str) -> str:
+    """Return the name that the user or a model chose for a layer, or an empty text."""
+    return "" if asked.name == unnamed else asked.name
+
+
+def load_layers(
+    context: QgsProcessingContext,
+    new: Sequence[NewLayer],
+    about: dict[str, Any] | None,
+    project: QgsProject,
+) -> None:
+    """Let QGIS load layers when the algorithm has ended.
+
+    Parameters
+    ----------
+    context : QgsProcessingContext
+    new : sequence of NewLayer
+        From the bottom of the legend to its top.
+    about : dict or None
+        Document about how the mesh was made, shown in the properties of the layers.
+    project : QgsProject
+    """
+    pending = context.layersToLoadOnCompletion()
+    for rank, each in enumerate(new):
         # QGIS before 3.32 adds results in the order of their ids, so that the last one is on top.
         # The id of a layer starts with its first name, so that name starts with the rank.
-        layer = _open(uri, f"{rank}_{kind}", is_mesh=kind == "mesh")
-        if channel is not None:
-            style_surface(layer, channel, adds=channel is not channels[0])
-        name = f"{kind} {channel.name}".strip() if channel is not None else kind
+        layer = _open(each.uri, f"{rank}_{each.kind}", is_mesh=each.is_mesh)
+        if each.dress is not None:
+            each.dress(layer)
         # If the user chose the file, its name is part of the layer name.
-        stem = Path(uri.partition("|")[0]).stem
-        shown = f"{name} · {title if layer.isTemporary() else stem}"
-        if kind == "triangles" and asked.name not in ("", unnamed):
-            shown = asked.name  # chosen by the user or by a model
+        stem = Path(each.uri.partition("|")[0]).stem
+        end = each.title if layer.isTemporary() else stem
+        shown = each.name or f"{each.kind} · {end}"
         layer.setName(shown)
-        layer.setMetadata(as_metadata(layer, about))
-        layer.setCustomProperty("geomesh/recipe", json.dumps(about.get("recipe", {})))
-        output_name = asked.outputName if kind == "triangles" else kind.upper()
-        details = QgsProcessingContext.LayerDetails(shown, asked.project, output_name)
+        if about is not None:
+            layer.setMetadata(as_metadata(layer, about))
+            layer.setCustomProperty("geomesh/recipe", json.dumps(about.get("recipe", {})))
+        details = QgsProcessingContext.LayerDetails(shown, project, each.output)
         details.forceName = True
         if hasattr(details, "layerSortKey"):  # QGIS 3.32
             details.layerSortKey = rank

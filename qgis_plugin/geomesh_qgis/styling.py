@@ -171,13 +171,9 @@ VECTOR_STYLES = {
 
 def style_mesh_layer(layer: QgsMeshLayer) -> None:
     """Fill each face of a UGRID mesh with its own colour, without smoothing between faces."""
-    group = _find_group(layer, "color")
+    group = find_group(layer, "color")
     if group is None:
         return
-    settings = layer.rendererSettings()
-    scalar = settings.scalarSettings(group)
-    # The number is used because QGIS changed the name from None_ to NoResampling.
-    scalar.setDataResamplingMethod(QgsMeshRendererScalarSettings.DataResamplingMethod(0))
     values = _distinct_values(layer, group)
     items = [
         QgsColorRampShader.ColorRampItem(value, _unpack(int(value)), f"#{int(value):06x}")
@@ -190,6 +186,24 @@ def style_mesh_layer(layer: QgsMeshLayer) -> None:
         QgsColorRampShader.Type.Exact,
     )
     shader.setColorRampItemList(items)
+    show_group(layer, group, shader, smooth=False)
+
+
+def show_group(
+    layer: QgsMeshLayer, group: int, shader: QgsColorRampShader, *, smooth: bool = True
+) -> None:
+    """Show a quantity of a mesh layer, in the colours of a shader.
+
+    Parameters
+    ----------
+    smooth : bool
+        Whether values on faces are smoothed between faces.
+    """
+    settings = layer.rendererSettings()
+    scalar = settings.scalarSettings(group)
+    if not smooth:
+        # The number is used because QGIS changed the name from None_ to NoResampling.
+        scalar.setDataResamplingMethod(QgsMeshRendererScalarSettings.DataResamplingMethod(0))
     # Set the limits first. After the shader, QGIS 3.44 would use its colour ramp and crash.
     scalar.setClassificationMinimumMaximum(shader.minimumValue(), shader.maximumValue())
     scalar.setColorRampShader(shader)
@@ -208,7 +222,7 @@ def style_surface(layer: QgsMeshLayer, channel: Channel, *, adds: bool) -> None:
     adds : bool
         Whether the light adds to that of the layers below, instead of hiding them.
     """
-    group = _find_group(layer, channel.band)
+    group = find_group(layer, channel.band)
     if group is None:
         return
     low, high = channel.black, channel.full
@@ -224,14 +238,7 @@ def style_surface(layer: QgsMeshLayer, channel: Channel, *, adds: bool) -> None:
             for value, color in ((low, "#000000"), (high, channel.color))
         ]
     )
-    settings = layer.rendererSettings()
-    scalar = settings.scalarSettings(group)
-    # Set the limits first: see style_mesh_layer.
-    scalar.setClassificationMinimumMaximum(low, high)
-    scalar.setColorRampShader(shader)
-    settings.setScalarSettings(group, scalar)
-    settings.setActiveScalarDatasetGroup(group)
-    layer.setRendererSettings(settings)
+    show_group(layer, group, shader)
     if adds:
         layer.setBlendMode(QPainter.CompositionMode.CompositionMode_Plus)
 
@@ -246,7 +253,8 @@ def keep_style(layer: QgsMapLayer) -> None:
         layer.saveNamedStyle(layer.styleURI())
 
 
-def _find_group(layer: QgsMeshLayer, name: str) -> int | None:
+def find_group(layer: QgsMeshLayer, name: str) -> int | None:
+    """Return the number of the quantity with this name in a mesh layer, if there is one."""
     for group in layer.datasetGroupsIndexes():
         if layer.datasetGroupMetadata(QgsMeshDatasetIndex(group, 0)).name() == name:
             return group
