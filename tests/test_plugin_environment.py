@@ -357,7 +357,7 @@ def test_pip_s_lines_are_heard_and_its_files_are_within_the_new_folder(own, play
     assert f"{own}.new/tmp" in line
     assert "--only-binary=:all:" in line
     assert "--no-input" in line
-    assert line.endswith(f"geomesh-toolkit[figures] @ {WHEEL.as_uri()}")
+    assert line.endswith(f"geomesh-toolkit[figures,terrain] @ {WHEEL.as_uri()}")
 
 
 FAILURES = {

@@ -176,7 +176,7 @@ def _fill(new: Path, base: Path, wheel: Path, progress: Report, cancelled: Cance
             *(str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check"),
             *("--no-user", "--progress-bar=off", "--only-binary=:all:"),
             # A URL, because a path may contain brackets, and pip would read them as an extra.
-            f"geomesh-toolkit[figures] @ {wheel.resolve().as_uri()}",
+            f"geomesh-toolkit[figures,terrain] @ {wheel.resolve().as_uri()}",
         ],
         new,
         hear,
