@@ -7,12 +7,19 @@ from pathlib import Path
 from qgis.core import QgsProcessingProvider
 from qgis.PyQt.QtGui import QIcon
 
+from .algorithms.contours import Contours
 from .algorithms.dem_to_tin import DemToTin
+from .algorithms.export_tin import ExportTin
 from .algorithms.mesh_quality import MeshQuality
 from .algorithms.raster_to_mesh import RasterToMesh
 from .algorithms.stages import Stages
+from .algorithms.volume import Volume
 
 ICON = Path(__file__).parent / "icon.svg"
+
+
+# In the order of the menu.
+ALGORITHMS = (RasterToMesh, DemToTin, Contours, Volume, ExportTin, MeshQuality, Stages)
 
 
 class GeomeshProvider(QgsProcessingProvider):
@@ -22,7 +29,7 @@ class GeomeshProvider(QgsProcessingProvider):
 
     def loadAlgorithms(self) -> None:
         """Add the algorithms."""
-        for algorithm in (RasterToMesh, DemToTin, MeshQuality, Stages):
+        for algorithm in ALGORITHMS:
             self.addAlgorithm(algorithm())
 
     def id(self) -> str:

@@ -66,6 +66,28 @@ def picture_report(title: str, picture: Path) -> str:
     return _page(title, f'<p><a href="{uri}"><img src="{uri}" width="800"/></a></p>')
 
 
+def volume_report(name: str, base: str, rows: Mapping[str, str]) -> str:
+    """Return a table of volumes and areas.
+
+    Parameters
+    ----------
+    name : str
+        Name of the TIN.
+    base : str
+        What the volume is measured from.
+    rows : mapping of str to str
+        Numbers with their units, by what they are.
+    """
+    cells = "".join(
+        f'<tr><td class="name">{escape(label)}</td><td>{escape(value)}</td></tr>'
+        for label, value in rows.items()
+    )
+    return _page(
+        f"Volume of {name}",
+        f'<p>Over {escape(base)}:</p><table cellspacing="0">{cells}</table>',
+    )
+
+
 def save_report(page: str, path: str) -> None:
     """Write a report.
 

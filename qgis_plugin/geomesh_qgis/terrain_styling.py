@@ -27,9 +27,18 @@ from .styling import find_group, show_group
 HEIGHTS = "Bed Elevation"
 
 # Viridis: its lightness rises evenly, so that higher ground is always lighter.
-_RAMP = (
-    "#440154 #482878 #3e4989 #31688e #26828e #1f9e89 #35b779 #6ece58 #b5de2b #fde725"
-).split()
+_RAMP = [
+    "#440154",
+    "#482878",
+    "#3e4989",
+    "#31688e",
+    "#26828e",
+    "#1f9e89",
+    "#35b779",
+    "#6ece58",
+    "#b5de2b",
+    "#fde725",
+]
 
 # Bands of heights between two contours.
 _MOST_BANDS = 20

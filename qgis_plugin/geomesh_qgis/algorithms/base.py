@@ -6,7 +6,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from qgis.core import (
     QgsProcessingAlgorithm,
@@ -95,7 +95,7 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
     TAGS: Sequence[str] = ()
     SUMMARY = ""
     HELP = ""
-    WORDS: Mapping[str, str] = {}  # what only this dialog calls an option of geomesh
+    WORDS: ClassVar[Mapping[str, str]] = {}  # what only this dialog calls an option of geomesh
 
     def createInstance(self) -> GeomeshAlgorithm:
         """Return a new instance. Each run has its own."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 from qgis.core import (
     QgsProcessing,
@@ -32,6 +33,9 @@ from .base import RasterAlgorithm, tell_certificate
 from .shapes import find_breaklines_fault, shape_options
 from .tin_parameters import find_tin_fault, tin_parameters
 from .values import find_number_fault, is_given
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 # What is in the GeoPackage and worth a layer of the project.
 _VECTORS = ("triangles", "nodes")
@@ -67,7 +71,7 @@ nodes, and the log tells its largest error.<br/>
 algorithms for terrain read.</p>
 <p>Pixels without data stay without triangles.</p>
 """
-    WORDS = {
+    WORDS: ClassVar[Mapping[str, str]] = {
         "--max-error": "the tolerance",
         "--nodes": "Most nodes",
         "--mask": "the boundary",
