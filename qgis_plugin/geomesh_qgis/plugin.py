@@ -1,7 +1,8 @@
-"""The plugin: its provider, its action and its options page."""
+"""The plugin: its provider, its button, its menu and its options page."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from qgis.core import Qgis, QgsApplication, QgsMapLayer, QgsRasterLayer
@@ -9,7 +10,9 @@ from qgis.PyQt.QtGui import QIcon
 from qgis.PyQt.QtWidgets import QAction, QPushButton
 
 from . import settings
+from .algorithms.raster_to_mesh import RasterToMesh
 from .engine.environment import EnvironmentProblem
+from .menu import first_values, more_actions
 from .options.factory import OptionsFactory
 from .provider import ICON, GeomeshProvider
 
@@ -27,6 +30,7 @@ class GeomeshPlugin:
         self._provider: GeomeshProvider | None = None
         self._options: OptionsFactory | None = None
         self._action: QAction | None = None
+        self._menu: list[QAction] = []
 
     def initProcessing(self) -> None:
         """Add the algorithms to Processing."""
@@ -36,7 +40,7 @@ class GeomeshPlugin:
             QgsApplication.processingRegistry().addProvider(self._provider)
 
     def initGui(self) -> None:
-        """Add the toolbar button, the entry of the Raster menu and the options page."""
+        """Add the toolbar button, the menu in the Raster menu and the options page."""
         self.initProcessing()
         self._options = OptionsFactory()
         self._iface.registerOptionsWidgetFactory(self._options)
@@ -46,10 +50,12 @@ class GeomeshPlugin:
             "<b>Raster to mesh</b><br>Turn the raster that is selected in the layer panel into a "
             "triangle mesh"
         )
-        action.triggered.connect(self._open_dialog)
+        action.triggered.connect(partial(self._open_dialog, RasterToMesh.NAME))
         self._action = action
         self._iface.addToolBarIcon(action)
-        self._iface.addPluginToRasterMenu(MENU, action)
+        self._menu = [action, *more_actions(self._iface.mainWindow(), self._open_dialog)]
+        for each in self._menu:
+            self._iface.addPluginToRasterMenu(MENU, each)
         self._iface.currentLayerChanged.connect(self._enable_action)
         self._enable_action(self._iface.activeLayer())
 
@@ -58,9 +64,10 @@ class GeomeshPlugin:
         if self._action is not None:
             self._iface.currentLayerChanged.disconnect(self._enable_action)
             self._iface.removeToolBarIcon(self._action)
-            self._iface.removePluginRasterMenu(MENU, self._action)
-            self._action.deleteLater()
-            self._action = None
+            for each in self._menu:
+                self._iface.removePluginRasterMenu(MENU, each)
+                each.deleteLater()
+            self._action, self._menu = None, []
         if self._options is not None:
             self._iface.unregisterOptionsWidgetFactory(self._options)
             self._options = None
@@ -71,7 +78,8 @@ class GeomeshPlugin:
     def _enable_action(self, layer: QgsMapLayer | None) -> None:
         self._action.setEnabled(isinstance(layer, QgsRasterLayer) and layer.isValid())
 
-    def _open_dialog(self) -> None:
+    def _open_dialog(self, name: str, *_: object) -> None:
+        """Open the dialog of an algorithm, with the active layer as its input."""
         import processing
 
         try:
@@ -79,8 +87,8 @@ class GeomeshPlugin:
         except EnvironmentProblem as problem:
             self._offer_options(str(problem))
             return
-        layer = self._iface.activeLayer()
-        processing.execAlgorithmDialog(f"{GeomeshProvider.ID}:rastertomesh", {"INPUT": layer.id()})
+        values = first_values(name, self._iface.activeLayer())
+        processing.execAlgorithmDialog(f"{GeomeshProvider.ID}:{name}", values)
 
     def _offer_options(self, reason: str) -> None:
         """Say why no mesh can be made yet, with a button that opens the options page."""
