@@ -4,6 +4,7 @@ Run it in the root of a checkout: ``.venv/bin/python docs/pictures.py``.
 """
 
 import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_rgba_array
+from matplotlib.colors import LightSource, to_rgba_array
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -211,6 +212,77 @@ def draw_help() -> None:
     panels[2].scatter(*found.keypoints.T, s=2.5, c="#e69f00", linewidths=0)
     fill(panels[3], found.mesh, found.mesh.triangle_table["color"], "#ffffff40")
     save(figure, "stages")
+    draw_terrain_help()
+
+
+def draw_terrain_help() -> None:
+    warnings.simplefilter("ignore", geomesh.GeomeshWarning)
+    dem = SAMPLES / "colorado_dem_float32_epsg4269.tif"
+    mesh = geomesh.mesh_raster(dem, z=1, max_error=20.0)
+    scene = open_scene(dem)
+    width, height = scene.grid.width, scene.grid.height
+    with scene.open():
+        (heights, *_), _ = scene.read(scene.grid.extent)
+    light = LightSource(315, 45).hillshade(heights, vert_exag=1, dx=8, dy=10)
+    nodes = mesh.heights
+    assert nodes is not None
+    means = nodes[mesh.triangles].mean(axis=1)
+
+    figure, panels = frames(2, 1)
+    panels[0].imshow(light, cmap="gray", extent=(0, width, height, 0))
+    fill(panels[1], mesh, means, "#00000050")
+    for panel in panels:
+        panel.set(xlim=(120, 120 + height), ylim=(height, 0), aspect="auto")
+    save(figure, "demtotin")
+
+    figure, (panel,) = frames(1, 0.62)
+    panel.imshow(light, cmap="gray", extent=(0, width, height, 0), alpha=0.35)
+    levels = np.arange(2800, 3900, 25)
+    for every, line in ((1, 0.35), (4, 1.0)):
+        drawn = panel.tricontour(
+            *mesh.nodes.T, mesh.triangles, nodes, levels[::every], colors="#6b4423", linewidths=line
+        )
+    panel.clabel(drawn, fontsize=5, inline_spacing=1, fmt="%g")
+    panel.set(xlim=(150, 450), ylim=(0.62 * 300 + 150, 150))
+    save(figure, "contours")
+
+    figure, (panel,) = frames(1, 0.5)
+    across, base = heights[300], float(np.median(heights[300]))
+    x = np.arange(len(across))
+    panel.fill_between(x, across.min() - 60, np.minimum(across, base), color="#d9d2c5")
+    panel.fill_between(x, base, across, where=across > base, color="#d55e00", alpha=0.75)
+    panel.fill_between(x, across, base, where=across < base, color="#56b4e9", alpha=0.75)
+    panel.axhline(base, color="#222222", linewidth=0.8)
+    for text, above in (("cut", True), ("fill", False)):
+        where = int(np.argmax(across) if above else np.argmin(across))
+        panel.text(where, (across[where] + base) / 2, text, fontsize=8, ha="center", va="center")
+    panel.set(xlim=(0, len(across) - 1), ylim=(across.min() - 60, across.max() + 20))
+    save(figure, "volume")
+
+    figure, (panel,) = frames(1, 0.55)
+    turn = np.radians(30)
+    x, y = mesh.nodes.T[0] - width / 2, (height / 2 - mesh.nodes.T[1]) * 1.28
+    right, away = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    up = 0.45 * away + 0.9 * (nodes - nodes.min()) / 8
+    corners = np.stack([right, up], axis=1)[mesh.triangles]
+    order = np.argsort(-away[mesh.triangles].mean(axis=1))  # the farthest first
+    slopes = LightSource(315, 40).shade_normals(normals(x, y, nodes / 8, mesh.triangles))
+    colors = mpl.colormaps["viridis"]((means - means.min()) / np.ptp(means))
+    colors[:, :3] *= 0.45 + 0.55 * slopes[:, None]
+    style = {"facecolors": colors[order], "edgecolors": "#00000040", "linewidths": 0.2}
+    panel.add_collection(PolyCollection(corners[order], **style))
+    panel.set(xlim=(right.min(), right.max()), ylim=(up.min() - 5, up.max() + 5))
+    save(figure, "exporttin")
+
+
+def normals(
+    x: NDArray[Any], y: NDArray[Any], z: NDArray[Any], triangles: NDArray[Any]
+) -> NDArray[Any]:
+    """Return the upward normals of triangles."""
+    a, b, c = np.moveaxis(np.stack([x, y, z], axis=1)[triangles], 1, 0)
+    found = np.cross(b - a, c - a)
+    found *= np.sign(found[:, 2:])
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
 def frames(columns: int, height_per_width: float, rows: int = 1) -> tuple[Figure, list[Axes]]:
