@@ -10,7 +10,7 @@ import pytest
 from qgis.core import QgsProcessingContext, QgsProcessingException, QgsVectorLayer
 from qgis.PyQt.QtGui import QImage
 
-NAMES = ("rastertomesh", "meshquality", "stages")
+NAMES = ("rastertomesh", "demtotin", "contours", "volume", "exporttin", "meshquality", "stages")
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def mesh(provider, processing, tmp_path_factory, olinda):
     return processing.run("geomesh:rastertomesh", given)
 
 
-def test_provider_offers_three_algorithms(provider):
+def test_provider_offers_its_algorithms(provider):
     assert sorted(algorithm.name() for algorithm in provider.algorithms()) == sorted(NAMES)
     assert not provider.icon().isNull()
 

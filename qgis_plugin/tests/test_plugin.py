@@ -43,3 +43,26 @@ def test_action_is_for_raster_layers(plugin, olinda):
         plugin._enable_action(raster)
         plugin._enable_action(other)
         assert not action.isEnabled()
+
+
+def test_the_menu_opens_every_algorithm(plugin, provider, olinda, monkeypatch):
+    import processing
+
+    opened = []
+    monkeypatch.setattr(processing, "execAlgorithmDialog", lambda *given: opened.append(given))
+    raster = QgsRasterLayer(str(olinda), "raster")
+    monkeypatch.setattr(plugin._iface, "activeLayer", lambda: raster)
+    entries = [action for action in plugin._menu if not action.isSeparator()]
+    for action in entries:
+        action.setEnabled(True)
+        action.trigger()
+    names = [name.partition(":")[2] for name, _ in opened]
+    assert sorted(names) == sorted(each.name() for each in provider.algorithms())
+    titles = [provider.algorithm(name).displayName() + "…" for name in names]
+    assert [action.text() for action in entries] == titles
+    values = {name.partition(":")[2]: given for name, given in opened}
+    for name in ("rastertomesh", "demtotin", "stages"):
+        assert values[name] == {"INPUT": raster.id()}
+    assert values["contours"] == {}
+    plugin.unload()
+    assert plugin._menu == []
