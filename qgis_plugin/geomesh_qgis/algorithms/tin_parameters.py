@@ -55,11 +55,15 @@ def tin_parameters() -> list[QgsProcessingParameterDefinition]:
     whole, real = number.Type.Integer, number.Type.Double
     factor = number("Z_FACTOR", "Z factor", real, 1)
     factor.setFlags(factor.flags() | QgsProcessingParameterDefinition.Flag.FlagAdvanced)
+    tolerance = number("TOLERANCE", "Tolerance (largest height error)", real, None, True)
+    # A text, so that the module is only loaded for a dialog.
+    module = f"{__package__}.tolerance_widget.ToleranceWidget"
+    tolerance.setMetadata({"widget_wrapper": {"class": module}})
     parameters = [
         QgsProcessingParameterRasterLayer("INPUT", "DEM"),
         # Optional, because a script would have to give it: a band has no default value there.
         QgsProcessingParameterBand("BAND", "Band of heights", 1, "INPUT", True),
-        number("TOLERANCE", "Tolerance (largest height error)", real, None, True),
+        tolerance,
         number("NODES", "Most nodes", whole, None, True, 1),
         QgsProcessingParameterFeatureSource(
             "BREAKLINES",
