@@ -187,6 +187,21 @@ def test_a_mesh_without_heights_says_what_to_set(processing, flat, tmp_path):
         processing.run("geomesh:exporttin", {"INPUT": flat, "OUTPUT": str(tmp_path / "flat.obj")})
 
 
+def test_a_missing_package_is_named_with_the_button_that_installs_it(
+    processing, made, tmp_path, monkeypatch
+):
+    from geomesh_qgis.engine import runner
+
+    def fail(*_, **__):
+        raise runner.RunError("missing-extra", "ezdxf is not installed: pip install 'x'")
+
+    monkeypatch.setattr(runner, "run", fail)
+    with pytest.raises(QgsProcessingException, match=r"pip install 'x', or press Reinstall in Set"):
+        processing.run(
+            "geomesh:exporttin", {"INPUT": made["GPKG"], "OUTPUT": str(tmp_path / "slope.dxf")}
+        )
+
+
 def test_on_the_command_line(qgis_process, made, tmp_path):
     listing = qgis_process("list").stdout
     for name in ("demtotin", "contours", "volume", "exporttin"):

@@ -18,7 +18,7 @@ from qgis.core import (
 from qgis.PyQt.QtGui import QIcon
 
 from .. import settings
-from ..engine import DEFAULT_PRESET, environment, runner
+from ..engine import DEFAULT_PRESET, OPTIONS, environment, runner
 from ..files import find_format_fault, find_output_fault
 from ..inputs import RasterInput, describe_raster
 
@@ -240,7 +240,10 @@ class GeomeshAlgorithm(QgsProcessingAlgorithm):
         except environment.EnvironmentProblem as problem:
             raise QgsProcessingException(str(problem)) from problem
         except runner.RunError as error:
-            raise QgsProcessingException(in_the_dialogs_words(str(error), self.WORDS)) from error
+            text = in_the_dialogs_words(str(error), self.WORDS)
+            if error.code == "missing-extra":
+                text += f", or press Reinstall in {OPTIONS}"
+            raise QgsProcessingException(text) from error
         except runner.Cancelled as stop:
             left = f"{output} was not written." if output else "there is no result."
             raise QgsProcessingException(f"Cancelled: {left}") from stop

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from qgis.core import QgsProcessingContext, QgsProject, QgsRasterBandStats, QgsRectangle
+from qgis.core import QgsProcessingContext, QgsProject
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -75,8 +75,6 @@ def _guess(given: dict[str, Any], context: QgsProcessingContext) -> float | None
         return None
     if layer.providerType() != "gdal":
         return None  # a web service would be asked for pixels
-    ends = QgsRasterBandStats.Stats
-    wanted = ends.Min | ends.Max
-    found = layer.dataProvider().bandStatistics(number, wanted, QgsRectangle(), _SAMPLE)
+    found = layer.dataProvider().bandStatistics(number, sampleSize=_SAMPLE)
     span = found.maximumValue - found.minimumValue
     return span / 100 if 0 < span < float("inf") else None
