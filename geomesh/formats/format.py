@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -177,3 +177,32 @@ class Format:
                     f"{self.driver} can store at most {most} {things} of a layer, and the {name} "
                     f"would have {count}: {way_out}"
                 )
+
+    def choose_layers(self, layers: Iterable[LayerName] | None) -> list[LayerName]:
+        """Return the layers to write, in order; by default all that one file can store.
+
+        Raises
+        ------
+        OutputError
+            If a layer does not exist, or the format cannot store the layers.
+        """
+        if layers is None:
+            return list(LAYERS if self.joining is not None else LAYERS[:1])
+        asked = [layers] if isinstance(layers, str) else list(layers)
+        for name in asked:
+            if name not in LAYERS:
+                raise OutputError(f"there is no layer {name!r}; choose from {', '.join(LAYERS)}")
+            if name not in self.layers:
+                raise OutputError(
+                    f"{self.driver} can store {', '.join(self.layers)}, not {name}; "
+                    "write .gpkg for all layers"
+                )
+        if not asked:
+            raise OutputError(f"no layer to write; choose from {', '.join(LAYERS)}")
+        chosen = [name for name in LAYERS if name in asked]
+        if len(chosen) > 1 and self.joining is None:
+            raise OutputError(
+                f"{self.driver} can store one layer, not {', '.join(chosen)}; "
+                "choose one of them, or write .gpkg"
+            )
+        return chosen

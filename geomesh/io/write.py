@@ -17,7 +17,6 @@ from geomesh.formats.format import PENDING, PLAIN, Format, LayerFile, WriteOptio
 from geomesh.formats.registry import FORMATS, find_format
 from geomesh.io.atomic import check_place, staged, undisturbed, writing_to
 from geomesh.parallel.processes import Process
-from geomesh.parameters import LAYERS, LayerName
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from geomesh.io.gdal_process import WriterPool
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.progress import Progress
+    from geomesh.parameters import LayerName
 
 # Seconds between two checks for Ctrl-C, and seconds to wait for threads after `stop`.
 _POLL = 0.5
@@ -137,7 +137,7 @@ def open_writer(
     target = Path(path)
     check_output(target, overwrite=overwrite, driver=driver, options=options)
     file_format = find_format(target, driver)
-    names = choose_layers(layers, file_format)
+    names = file_format.choose_layers(layers)
     with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
         writer = MeshWriter(target, temporary, names, file_format, options, writer_pool)
         try:
@@ -283,36 +283,6 @@ class MeshWriter:
                     if stream.failure is not None:
                         raise stream.failure from None
                 raise
-
-
-def choose_layers(layers: Iterable[LayerName] | None, file_format: Format) -> list[LayerName]:
-    """Return the layers to write, in order; by default all that one file of the format can store.
-
-    Raises
-    ------
-    OutputError
-        If a layer does not exist, or the format cannot store the layers.
-    """
-    if layers is None:
-        return list(LAYERS if file_format.joining is not None else LAYERS[:1])
-    asked = [layers] if isinstance(layers, str) else list(layers)
-    for name in asked:
-        if name not in LAYERS:
-            raise OutputError(f"there is no layer {name!r}; choose from {', '.join(LAYERS)}")
-        if name not in file_format.layers:
-            raise OutputError(
-                f"{file_format.driver} can store {', '.join(file_format.layers)}, not {name}; "
-                "write .gpkg for all layers"
-            )
-    if not asked:
-        raise OutputError(f"no layer to write; choose from {', '.join(LAYERS)}")
-    chosen = [name for name in LAYERS if name in asked]
-    if len(chosen) > 1 and file_format.joining is None:
-        raise OutputError(
-            f"{file_format.driver} can store one layer, not {', '.join(chosen)}; "
-            "choose one of them, or write .gpkg"
-        )
-    return chosen
 
 
 def _write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | None) -> None:

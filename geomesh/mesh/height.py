@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from geomesh.errors import BandError
+from geomesh.raster.bands import Band
 from geomesh.raster.metres import vertical_unit
 
 if TYPE_CHECKING:
@@ -13,7 +14,8 @@ if TYPE_CHECKING:
 
     from pyproj import CRS
 
-    from geomesh.raster.bands import Band
+    from geomesh.arrays.table import Table
+    from geomesh.mesh.provenance import SourceBand
 
 # Names of units as rasters have them, and the unit.
 _SPELLINGS: dict[str, tuple[str, ...]] = {
@@ -109,6 +111,19 @@ def find_height(
     if factor != 1.0:
         unit, metres = _converted(metres / factor)
     return Height(band.name, float(factor), unit, metres, assumed=known is None)
+
+
+def bands_with_values(known: Sequence[SourceBand], nodes: Table) -> tuple[Band, ...]:
+    """Return the bands of a source of which the nodes of a mesh have values."""
+    return tuple(
+        Band(
+            *(band.index, band.description, None, band.name),
+            is_class=nodes[band.name].dtype.kind in "iu",
+            unit=band.unit,
+        )
+        for band in known
+        if band.name in nodes
+    )
 
 
 def unit_of(text: str | None) -> tuple[str, float] | None:

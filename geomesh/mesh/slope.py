@@ -63,3 +63,12 @@ def measure_slopes(points: Points, heights: Floats, triangles: Triangles, metres
         aspect[block] = np.where(steepness > 0, falling, np.nan)
         stretch[block] = np.hypot(1.0, steepness)
     return Slopes(slope, aspect, stretch)
+
+
+def slope_columns(
+    points: Points, heights: Floats, triangles: Triangles, metres: Floats, areas: Floats
+) -> dict[str, Floats]:
+    """Return the columns `SLOPE_COLUMNS`; `areas` (T,) are those on the map."""
+    slopes = measure_slopes(points, heights, triangles, metres)
+    measured = (slopes.slope, slopes.aspect, areas * slopes.stretch)
+    return dict(zip(SLOPE_COLUMNS, measured, strict=True))

@@ -14,12 +14,12 @@ import shapely
 from geomesh.arrays.table import Table, read_only
 from geomesh.mesh.certify import certify
 from geomesh.mesh.certify_refined import with_refinement
-from geomesh.mesh.height import find_height
+from geomesh.mesh.edge_columns import edge_columns
+from geomesh.mesh.height import bands_with_values, find_height
 from geomesh.mesh.quality import Quality, measure, measure_each
-from geomesh.mesh.slope import SLOPE_COLUMNS, measure_slopes
-from geomesh.mesh.topology import FILL, Edges, build_edges, find_edges
+from geomesh.mesh.slope import slope_columns
+from geomesh.mesh.topology import Edges, build_edges
 from geomesh.parameters import LAYERS, LayerName
-from geomesh.raster.bands import Band
 from geomesh.raster.crs import crs_label
 from geomesh.raster.metres import metres_per_unit
 
@@ -142,24 +142,12 @@ class TriangleMesh:
         """
         if z is None and self.height is not None and z_factor == 1.0:
             return self
-        bands = self._bands()
         if z is None and self.height is not None:
             z = self.height.band
+        known = () if self.provenance is None else self.provenance.source.bands
+        bands = bands_with_values(known, self.node_table)
         height = find_height(bands, z, z_factor, self.grid.crs, name="the mesh")
         return replace(self, height=height)
-
-    def _bands(self) -> tuple[Band, ...]:
-        """Return the bands of which the nodes have values."""
-        known = () if self.provenance is None else self.provenance.source.bands
-        return tuple(
-            Band(
-                *(band.index, band.description, None, band.name),
-                is_class=self.node_table[band.name].dtype.kind in "iu",
-                unit=band.unit,
-            )
-            for band in known
-            if band.name in self.node_table
-        )
 
     @cached_property
     def metres(self) -> Floats:
@@ -255,7 +243,7 @@ class TriangleMesh:
         if layer == "triangles":
             return self._triangle_attributes()
         if layer == "edges":
-            return self._edge_attributes()
+            return edge_columns(self.edges, self.constraints, self.plane_nodes)
         if layer != "nodes":
             raise ValueError(f"layer is {layer!r}: choose from {', '.join(LAYERS)}")
         columns: dict[str, NDArray[Any]] = {"id": np.arange(len(self.nodes), dtype=np.int32)}
@@ -279,32 +267,11 @@ class TriangleMesh:
             }
         )
 
-    def _slopes(self, area: Floats) -> dict[str, Floats]:
-        """Return slope, aspect and area in space, if the nodes have heights."""
+    def _slopes(self, areas: Floats) -> Mapping[str, Floats]:
         if self.height is None or self.heights is None:
             return {}
-        places, heights = self.map_nodes, self.heights * self.height.metres
-        slopes = measure_slopes(places, heights, self.triangles, self.metres)
-        measured = (slopes.slope, slopes.aspect, area * slopes.stretch)
-        return dict(zip(SLOPE_COLUMNS, measured, strict=True))
-
-    def _edge_attributes(self) -> Table:
-        edges = self.edges
-        (x, y), (start, stop) = self.plane_nodes.T, edges.nodes.T
-        constrained = np.zeros(len(edges.nodes), np.bool_)
-        found = find_edges(edges, self.constraints)
-        constrained[found[found != FILL]] = True
-        return Table(
-            {
-                "id": np.arange(len(edges.nodes), dtype=np.int32),
-                "n0": edges.nodes[:, 0],
-                "n1": edges.nodes[:, 1],
-                "left": edges.left,
-                "right": edges.right,
-                "length": np.hypot(x[stop] - x[start], y[stop] - y[start]),
-                "constrained": constrained,
-            }
-        )
+        heights = self.heights * self.height.metres
+        return slope_columns(self.map_nodes, heights, self.triangles, self.metres, areas)
 
     def to_geodataframe(self, layer: LayerName = "triangles") -> gpd.GeoDataFrame:
         """Return a layer as a GeoDataFrame with CRS and attributes.

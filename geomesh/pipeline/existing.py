@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from geomesh.errors import GeomeshError
 from geomesh.formats.document import WITH_HEIGHTS, describe_grid
 from geomesh.formats.registry import find_format
-from geomesh.io.write import choose_layers
 from geomesh.mesh.provenance import Provenance, SourceRaster
 from geomesh.pipeline.mesh_scene import source_of
 
@@ -71,7 +70,7 @@ def find_made(
         if differs:
             return how
     try:
-        for name in choose_layers(layers, file_format):
+        for name in file_format.choose_layers(layers):
             stored = counts[WITH_HEIGHTS if file_format.leaves_out_voids else name]
             if file_format.count_rows(path, name) != stored:
                 return f"does not have all its {name}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
 from geomesh.formats.registry import find_format
-from geomesh.io.write import check_output, choose_layers, open_writer
+from geomesh.io.write import check_output, open_writer
 from geomesh.parallel.deadline import deadline
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
@@ -124,7 +124,7 @@ def _read_breaklines(job: MeshJob, scene: Scene) -> PixelLines | None:
 def _require_room(job: MeshJob, scene: Scene) -> None:
     """Raise OutputError if the format cannot store so many columns: before any pixel is read."""
     file_format = find_format(job.output, job.driver)
-    layers = choose_layers(job.layers, file_format)
+    layers = file_format.choose_layers(job.layers)
     for name in layers:
         columns = count_columns(name, scene, job.recipe)
         ways_out = ["choose fewer bands with `bidx`", "write .parquet"]
