@@ -244,7 +244,7 @@ def test_of_a_large_image_the_native_plane_is_the_middle(tmp_path):
     with rasterio.open(path) as dataset:
         window = rasterio.windows.Window(538, 238, 1024, 1024)
         middle = dataset.read(window=window), dataset.window_transform(window), dataset.crs
-    mesh = geomesh.mesh_raster(middle)
+    mesh = geomesh.mesh_raster(middle, preset="features")
     found = figures_of(large, path, "native", "features")
     assert (found.nodes, found.triangles) == (len(mesh.nodes), len(mesh.triangles))
     assert {(r.width, r.height) for r in large.of("native", "random")} == {(1024, 1024)}

@@ -9,6 +9,7 @@ than to compile the kernel itself.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -33,6 +34,10 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 # Wrappers that nobody calls would take a fifth of the time of compiling.
 _FROM_PYTHON: dict[str, Any] = {"no_cfunc_wrapper": True}
 _INSIDE: dict[str, Any] = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+
+# Seconds between two kernels that are compiled ahead. Locks are not fair: without a pause, a thread
+# that needs one of them now would wait until all are compiled.
+_PAUSE = 0.001
 
 _lock = threading.RLock()
 _kernels: list[Kernel] = []
@@ -143,6 +148,8 @@ def prepare_kernels(begin: Callable[[], None]) -> None:
 
     for each in tuple(_kernels):
         each.prepare(first)
+        if compiling:
+            time.sleep(_PAUSE)
 
 
 def contiguous(array: ArrayLike, dtype: Any) -> NDArray[Any]:

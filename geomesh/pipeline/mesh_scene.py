@@ -102,7 +102,7 @@ def mesh_scene(
         image = SceneGray(scene, tone, recipe.sobel)
         share = _SHARE_OF_DETECTION if recipe.refine else 1.0
         detection = detect_keypoints(
-            *(image, recipe, workers, part_of(progress, 0.05, 0.05 + 0.63 * share)),
+            *(image, recipe, workers, part_of(progress, 0.05, 0.05 + 0.6 * share)),
             keep_edges=breaklines is not None and breaklines.digest == CANNY,
         )
         is_known.wait()
