@@ -105,17 +105,19 @@ def goal_parameters() -> list[QgsProcessingParameterDefinition]:
 
 def breakline_parameters() -> list[QgsProcessingParameterDefinition]:
     """Return the parameters of the lines that become edges of the mesh."""
-    kinds = QgsProcessing.SourceType
     return [
-        QgsProcessingParameterFeatureSource(
-            "BREAKLINES",
-            LABELS["BREAKLINES"],
-            [kinds.TypeVectorLine, kinds.TypeVectorPolygon],
-            None,
-            True,
-        ),
+        breaklines_layer(),
         QgsProcessingParameterBoolean("CANNY_BREAKLINES", LABELS["CANNY_BREAKLINES"], False),
     ]
+
+
+def breaklines_layer() -> QgsProcessingParameterDefinition:
+    """Return the parameter of a layer of breaklines."""
+    kinds = QgsProcessing.SourceType
+    types = [kinds.TypeVectorLine, kinds.TypeVectorPolygon]
+    return QgsProcessingParameterFeatureSource(
+        "BREAKLINES", LABELS["BREAKLINES"], types, None, True
+    )
 
 
 def advanced_parameters() -> list[QgsProcessingParameterDefinition]:

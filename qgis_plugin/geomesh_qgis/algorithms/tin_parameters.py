@@ -19,7 +19,7 @@ from qgis.core import (
     QgsRasterLayer,
 )
 
-from .refinement_parameters import LABELS, LARGEST_FLOOR
+from .refinement_parameters import LABELS, LARGEST_FLOOR, breaklines_layer
 from .values import is_given
 
 _TIPS = {
@@ -65,13 +65,7 @@ def tin_parameters() -> list[QgsProcessingParameterDefinition]:
         QgsProcessingParameterBand("BAND", "Band of heights", 1, "INPUT", True),
         tolerance,
         number("NODES", "Most nodes", whole, None, True, 1),
-        QgsProcessingParameterFeatureSource(
-            "BREAKLINES",
-            LABELS["BREAKLINES"],
-            [kinds.TypeVectorLine, kinds.TypeVectorPolygon],
-            None,
-            True,
-        ),
+        breaklines_layer(),
         QgsProcessingParameterFeatureSource(
             "BOUNDARY", "Boundary", [kinds.TypeVectorPolygon], None, True
         ),
