@@ -136,17 +136,12 @@ def test_one_base_only(provider, project, made):
 # Export
 
 
-@pytest.mark.parametrize("extension", ["xml", "glb", "2dm"])
+@pytest.mark.parametrize("extension", ["xml", "2dm"])
 def test_export(processing, made, tmp_path, extension):
     output = tmp_path / f"slope.{extension}"
-    feedback = Listener()
-    found = processing.run(
-        "geomesh:exporttin", {"INPUT": made["VECTORS"], "OUTPUT": str(output)}, feedback=feedback
-    )
+    found = processing.run("geomesh:exporttin", {"INPUT": made["VECTORS"], "OUTPUT": str(output)})
     assert found["OUTPUT"] == str(output)
     assert output.stat().st_size > 1000
-    if extension == "glb":
-        assert any("holds metres east and north of" in each for each in feedback.warnings)
     if extension == "2dm":
         layer = QgsMeshLayer(str(output), "again", "mdal")
         assert layer.dataProvider().faceCount() == made["TRIANGLE_COUNT"]
@@ -155,9 +150,12 @@ def test_export(processing, made, tmp_path, extension):
 def test_export_of_a_solid(processing, shown, tmp_path):
     sizes = []
     for solid in (None, -10):
+        feedback = Listener()
         output = tmp_path / f"slope{solid}.stl"
-        processing.run("geomesh:exporttin", {"INPUT": shown, "SOLID": solid, "OUTPUT": str(output)})
+        given = {"INPUT": shown, "SOLID": solid, "OUTPUT": str(output)}
+        processing.run("geomesh:exporttin", given, feedback=feedback)
         sizes.append(output.stat().st_size)
+        assert any("holds metres east and north of" in each for each in feedback.warnings)
     assert sizes[1] > 2 * sizes[0] - 84
 
 
@@ -203,9 +201,6 @@ def test_a_missing_package_is_named_with_the_button_that_installs_it(
 
 
 def test_on_the_command_line(qgis_process, made, tmp_path):
-    listing = qgis_process("list").stdout
-    for name in ("demtotin", "contours", "volume", "exporttin"):
-        assert f"geomesh:{name}" in listing
     output = Path(tmp_path / "tin.nc")
     done = qgis_process(
         "run", "geomesh:demtotin", f"--INPUT={made['DEM']}", "--TOLERANCE=1", f"--OUTPUT={output}"

@@ -51,7 +51,8 @@ _TIPS = {
 
 def tin_parameters() -> list[QgsProcessingParameterDefinition]:
     """Return all parameters, in the order of the dialog."""
-    number, kinds = QgsProcessingParameterNumber, QgsProcessing.SourceType
+    number = QgsProcessingParameterNumber
+    kinds = QgsProcessing.SourceType
     whole, real = number.Type.Integer, number.Type.Double
     factor = number("Z_FACTOR", "Z factor", real, 1)
     factor.setFlags(factor.flags() | QgsProcessingParameterDefinition.Flag.FlagAdvanced)
