@@ -90,6 +90,17 @@ def test_the_interval_is_chosen_if_none_is_set(processing, made, tmp_path):
     assert 10 <= found["LEVEL_COUNT"] <= 20
 
 
+def test_no_level_between_the_heights_is_said(processing, made, tmp_path):
+    feedback = Listener()
+    given = {"INPUT": made["GPKG"], "BASE": 500, "INTERVAL": 1000}
+    found = processing.run(
+        "geomesh:contours", {**given, "OUTPUT": str(tmp_path / "c.gpkg")}, feedback=feedback
+    )
+    assert found["LINE_COUNT"] == 0
+    assert open_layer(found["OUTPUT"]).featureCount() == 0
+    assert any("no level lies between" in warning for warning in feedback.warnings)
+
+
 @pytest.mark.parametrize("value", [0, -1, "close"])
 def test_an_interval_is_above_zero(provider, project, made, value):
     said = fault(
