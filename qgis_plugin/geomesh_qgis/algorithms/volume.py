@@ -36,9 +36,9 @@ FIGURES = {
     "missing_area": "Area without heights",
 }
 
-# Without a CRS, the ground is measured in pixels.
+# Without a CRS, nothing says how long a map unit is.
 _UNITS = {"m3": ("m³", "m²")}
-_PIXELS = ("pixel² × m", "pixel²")
+_NO_METRES = ("map units² × m", "map units²")
 
 
 class Volume(MeshAlgorithm):
@@ -139,7 +139,7 @@ If neither is set: the lowest height of the TIN.</p>
             options += ["--base", base] if base else []
             found = self.run_geomesh(["volume", *options, "--", self.path], feedback, None)
         over = self._base_name or f"level {found['base']:,.10g}"
-        volume, area = _UNITS.get(found["unit"], _PIXELS)
+        volume, area = _UNITS.get(found["unit"], _NO_METRES)
         rows = {
             label: f"{found[name]:,.1f} {area if 'area' in name else volume}"
             for name, label in FIGURES.items()
