@@ -62,7 +62,7 @@ def volume(
         if base is None:
             level = lowest(mesh)
         found = measure_volume(mesh, base if level is None else level, report)
-        unit = "m3" if mesh.grid.crs is not None else "pixel2 x m"
+        unit = "m3" if mesh.grid.crs is not None else "map units2 x m"
     if not failures:
         about = {"base": base if level is None else level, "unit": unit, **found.to_dict()}
         if as_json:
@@ -88,7 +88,7 @@ def _from(base: str | None, level: float | None, mesh: TriangleMesh) -> str:
 
 def _lines(mesh: TriangleMesh, found: Volume, base: str, unit: str) -> list[str]:
     """Return the result as text."""
-    area = unit.split(" ", maxsplit=1)[0].replace("3", "2")
+    area = "m2" if unit == "m3" else "map units2"
     lines = [f"{len(mesh.triangles):,} triangles {base}:"]
     for what, volume, ground in (
         ("cut", found.cut, found.cut_area),
