@@ -165,11 +165,14 @@ def test_a_factor_multiplies(command: Geomesh, tmp_path: Path) -> None:
     mesh = geomesh.read_mesh(tmp_path / "a.gpkg")
     assert mesh.heights is None
     assert "slope" not in mesh.attributes("triangles")
+    assert json.loads(command("info", tmp_path / "a.gpkg", "--json").out)["height"] is None
     lifted = command(
         "convert", tmp_path / "a.gpkg", "-o", tmp_path / "b.gpkg", "--z", "1", "--z-factor", "2"
     )
     assert lifted.code == 0, lifted.err
     high = geomesh.read_mesh(tmp_path / "b.gpkg")
+    described = json.loads(command("info", tmp_path / "b.gpkg", "--json").out)
+    assert (described["height"]["band"], described["height"]["factor"]) == ("b1", 2.0)
     assert high.heights == pytest.approx(2 * mesh.attributes("nodes")["b1"])
     assert high.with_height().heights is high.heights
     assert set(high.attributes("triangles")) - set(mesh.attributes("triangles")) == {

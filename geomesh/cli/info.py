@@ -77,6 +77,7 @@ def _describe_mesh(path: str) -> dict[str, Any]:
         "crs": crs_label(CRS.from_wkt(grid["crs"])) if grid["crs"] else None,
         "raster_size": [grid["width"], grid["height"]],
         "plane_size": stored["plane_size"],
+        "height": stored.get("height"),
         "domain": stored["domain"],
         "columns": {
             layer: [name for name, _ in pairs] for layer, pairs in stored["columns"].items()
