@@ -240,7 +240,8 @@ def test_a_palette_has_statistics_of_its_classes(tmp_path, preset):
     check_classes(mesh, classes[0], np.ones(classes.shape[1:], bool), "b1")
     expected = sample_nearest(mesh.nodes, classes[0], classes[0] > 0, mesh.grid.extent)
     np.testing.assert_array_equal(mesh.node_table["b1"], expected)
-    assert mesh.metadata["source"]["bands"] == [{"name": "b1", "index": 1, "description": None}]
+    (band,) = mesh.metadata["source"]["bands"]
+    assert band == {"name": "b1", "index": 1, "description": None, "unit": ""}
     assert mesh.certify().passed
 
 

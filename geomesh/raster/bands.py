@@ -11,7 +11,7 @@ from rasterio.enums import ColorInterp
 
 from geomesh.errors import BandError
 from geomesh.raster.band_names import BandText, name_bands
-from geomesh.raster.band_texts import dataset_texts, read_descriptions
+from geomesh.raster.band_texts import dataset_texts, read_descriptions, read_units
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +105,7 @@ def class_band(dataset: rasterio.DatasetReader) -> tuple[Band, np.dtype[Any]] | 
 def _known_bands(dataset: rasterio.DatasetReader) -> list[Band]:
     names = name_bands(dataset_texts(dataset))
     descriptions = read_descriptions(dataset)
-    units = dataset.units
+    units = read_units(dataset)
     tagged = zip(descriptions, dataset.colorinterp, dataset.dtypes, names, units, strict=True)
     return [
         Band(
