@@ -118,25 +118,27 @@ def read_stored(
     IndexError
         If the dataset has fewer bands: it is no longer the one that was opened first.
     """
+    # Each of these looks at all bands: with hundreds of them, once is enough.
+    dtypes, nodatavals, flags = dataset.dtypes, dataset.nodatavals, dataset.mask_flag_enums
 
     def read(method: Callable[..., NDArray[Any]], bands: Any) -> NDArray[Any]:
         first = bands if isinstance(bands, int) else bands[0]
         is_mask = method == dataset.read_masks
-        dtype = np.dtype(np.uint8 if is_mask else dataset.dtypes[first - 1])
+        dtype = np.dtype(np.uint8 if is_mask else dtypes[first - 1])
         return _read(method, bands, dtype, window, shape, _block_height(dataset))
 
     if max(indexes) > dataset.count:
         raise IndexError(f"it has no band {max(indexes)}")
-    if len({dataset.dtypes[index - 1] for index in indexes}) == 1:
+    if len({dtypes[index - 1] for index in indexes}) == 1:
         stored: Stored = read(dataset.read, list(indexes))
     else:
         stored = [read(dataset.read, index) for index in indexes]
     valid = np.ones(stored[0].shape, np.bool_)
-    own = [dataset.nodatavals[index - 1] for index in indexes]
+    own = [nodatavals[index - 1] for index in indexes]
     if nodata is not None:
         own = [nodata] * len(own)
     for k, index in enumerate(indexes):
-        has_own = nodata is None and MaskFlags.nodata in dataset.mask_flag_enums[index - 1]
+        has_own = nodata is None and MaskFlags.nodata in flags[index - 1]
         if has_own and _is_rounded(own[k], stored[k].dtype):
             valid &= read(dataset.read_masks, index) > 0
             own[k] = None
@@ -160,9 +162,9 @@ def masked_bands(
     These are masks in the file or beside it (.msk), and what GDAL derives from the metadata
     NODATA_VALUES: pixels that have these values in all bands.
     """
-    found = []
+    found, of_bands = [], dataset.mask_flag_enums
     for index in indexes:
-        flags = set(dataset.mask_flag_enums[index - 1])
+        flags = set(of_bands[index - 1])
         if flags & {MaskFlags.all_valid, MaskFlags.alpha} or flags == {MaskFlags.nodata}:
             continue
         is_believed = nodata is None if MaskFlags.nodata in flags else alpha == "mask"
