@@ -297,6 +297,31 @@ def test_a_terrain_has_the_volume_of_its_pixels(name: str) -> None:
     assert own.missing_area == 0
 
 
+@pytest.mark.parametrize(
+    ("transform", "crs"),
+    [
+        (Affine.identity(), None),
+        (Affine(10, 0, 4e5, 0, 10, 4e6), 32613),
+        (Affine(-10, 0, 4e5, 0, -10, 4e6), 32613),
+        (Affine(8, 6, 4e5, 6, -8, 4e6), 32613),
+    ],
+    ids=["no CRS", "south up", "mirrored", "rotated"],
+)
+def test_volumes_over_bases_differ_by_the_volumes_of_the_bases(
+    transform: Affine, crs: int | None
+) -> None:
+    y, x = np.mgrid[:60, :60]
+    heights = 50 + 20 * np.sin(x / 9) * np.cos(y / 7)
+    other = heights + np.random.default_rng(0).normal(3, 1, heights.shape)
+    mesh = geomesh.mesh_raster((heights, transform, crs), z=1, nodes=200)
+    base = geomesh.mesh_raster((other, transform, crs), z=1, nodes=90)
+    above = mesh.volume(50).net
+    assert mesh.volume(base).net == pytest.approx(above - base.volume(50).net, rel=1e-9)
+    pixel = abs(transform.a * transform.e - transform.b * transform.d)
+    expected = above - (other - 50).sum() * pixel
+    assert mesh.volume((other, transform, crs)).net == pytest.approx(expected, rel=1e-8)
+
+
 def test_what_cannot_be_measured_is_one_line() -> None:
     flat = geomesh.mesh_raster(SAMPLES / "olinda_landsat7_rgb_uint8.tif", nodes=100)
     with pytest.raises(GeomeshError, match="several bands: choose that of the heights with `z`"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from geomesh.mesh.height import same_unit
 from geomesh.raster.crs import crs_label, horizontal
 
 if TYPE_CHECKING:
@@ -13,9 +14,6 @@ if TYPE_CHECKING:
     from pyproj import CRS
 
     from geomesh.mesh.triangle_mesh import TriangleMesh
-
-# Two units are the same if their ratio differs from 1 by less: feet differ by 2e-6.
-_SAME = 2e-7
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class LinearUnit:
 
     def equals(self, metres: float) -> bool:
         """Return whether a unit of this size is the same."""
-        return abs(self.metres / metres - 1) < _SAME
+        return same_unit(self.metres, metres)
 
 
 METRE = LinearUnit("metre", 1.0)

@@ -140,9 +140,14 @@ def short_unit(unit: str) -> str:
     return _SPELLINGS.get(unit, (unit,))[0]
 
 
+def same_unit(one: float, other: float) -> bool:
+    """Return whether two sizes in metres are those of the same unit."""
+    return abs(one / other - 1) < _SAME
+
+
 def _converted(metres: float) -> tuple[str, float]:
     for unit, size in METRES.items():
-        if abs(metres / size - 1) < _SAME:
+        if same_unit(metres, size):
             return unit, size
     return "metre", 1.0
 

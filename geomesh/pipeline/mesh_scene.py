@@ -87,10 +87,10 @@ def mesh_scene(
     """
     _require_reach(scene, workers)
     _require_refinable(recipe)
-    height = height_of(scene, recipe)
+    height = _height_of(scene, recipe)
     own = breaklines.notes if breaklines is not None else ()
     doubts = [*_notes_on_memory(scene, recipe), *_notes_on_classes(scene, recipe)]
-    notes = (*scene.notes, *own, *notes_on_height(height), *doubts)
+    notes = (*scene.notes, *own, *_notes_on_height(height), *doubts)
     _warn(notes)
     # Set when it is known whether kernels have to be compiled, or when all are ready.
     is_known = threading.Event()
@@ -167,7 +167,7 @@ def _load_later_stages(recipe: Recipe, compiling: Callable[[], None]) -> None:
     prepare_kernels(compiling)
 
 
-def height_of(scene: Scene, recipe: Recipe) -> Height | None:
+def _height_of(scene: Scene, recipe: Recipe) -> Height | None:
     """Return the height that a recipe asks for, before any pixel is read."""
     if recipe.z is None:
         return None
@@ -175,7 +175,7 @@ def height_of(scene: Scene, recipe: Recipe) -> Height | None:
     return find_height(bands, recipe.z, recipe.z_factor, crs, name=scene.name)
 
 
-def notes_on_height(height: Height | None) -> list[str]:
+def _notes_on_height(height: Height | None) -> list[str]:
     """Return a warning if the unit of heights is a guess."""
     if height is None or not height.assumed or height.factor != 1.0:
         return []
