@@ -117,21 +117,37 @@ def test_a_closed_line_is_no_hole(closed: bool) -> None:
 @given(data=st.data())
 def test_random_lines_on_random_data(data: Any) -> None:
     """Lines across each other, along the outline, and over nodata; coordinates in any place."""
-    rng = np.random.default_rng(data.draw(st.integers(0, 10**6)))
+    seed, step = data.draw(st.integers(0, 10**6)), data.draw(st.sampled_from(STEPS))
+    image, lines = random_lines(seed, step)
+    nodes, preset = (data.draw(st.sampled_from(choices)) for choices in ((None, 50), PRESETS))
+    mesh = made(lines, image, nodata=0, nodes=nodes, preset=preset)
+    assert_followed(mesh, shapely.union_all(lines), reach=2 * REACH)
+
+
+STEPS = (1.0, 0.5, 1 / 256, 1e-6)
+
+
+def random_lines(seed: int, step: float) -> tuple[np.ndarray, Any]:
+    """Return an image with holes, and lines whose coordinates are multiples of `step`."""
+    rng = np.random.default_rng(seed)
     image = rng.integers(1, 255, (1, 40, 50), dtype=np.uint8)
     for _ in range(rng.integers(0, 4)):
         centre = tuple(int(v) for v in rng.integers(0, 50, 2))
         cv2.ellipse(image[0], centre, tuple(rng.integers(1, 15, 2).tolist()), 30, 0, 360, 0, -1)
-    step = data.draw(st.sampled_from([1.0, 0.5, 1 / 256, 1e-6]))
     lines = [
         shapely.LineString(np.rint(rng.uniform(-10, 60, (rng.integers(2, 8), 2)) / step) * step)
         for _ in range(rng.integers(1, 6))
     ]
     lines += [shapely.LineString([(-5, 0.3), (60, rng.uniform(0, 2))])]
-    together = shapely.multilinestrings(lines)
-    nodes, preset = (data.draw(st.sampled_from(choices)) for choices in ((None, 50), PRESETS))
-    mesh = made(together, image, nodata=0, nodes=nodes, preset=preset)
-    assert_followed(mesh, shapely.union_all(lines), reach=2 * REACH)
+    return image, shapely.multilinestrings(lines)
+
+
+def test_angles_that_lines_near_each_other_make_small_are_told() -> None:
+    image, lines = random_lines(156388, 0.5)
+    with pytest.warns(geomesh.GeomeshWarning, match="too near to each other, angles of less than"):
+        mesh = geomesh.mesh_raster((image, Affine.identity(), None), nodata=0, breaklines=lines)
+    assert mesh.certify().passed
+    assert mesh.certify().min_angle < 10
 
 
 def test_lines_over_nodata_are_cut() -> None:

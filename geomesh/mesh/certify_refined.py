@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from geomesh.arrays.types import Floats, Points, Triangles
 
 # In degrees. An angle that is equal to the floor may be rounded to less.
-_ANGLE_TOLERANCE = 1e-6
+ANGLE_TOLERANCE = 1e-6
 
 # Relative difference of two sums of the same squares in another order.
 _SUM_TOLERANCE = 1e-9
@@ -104,7 +104,7 @@ def _check_angles(
     with such a node may have to be thinner than the floor. Any other may not.
     """
     angles = measure_each(plane_nodes, triangles, ("min_angle",))["min_angle"]
-    thin = ~(angles >= floor - _ANGLE_TOLERANCE)
+    thin = ~(angles >= floor - ANGLE_TOLERANCE)
     name = f"the smallest angle is at least {floor:g} degrees"
     if not thin.any():
         return Check(name, True, f"{angles.min():.4f} degrees in {len(angles)} triangles")

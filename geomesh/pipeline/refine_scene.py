@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geomesh.arrays.table import Table
+from geomesh.mesh.certify_refined import ANGLE_TOLERANCE
+from geomesh.mesh.quality import measure_each
 from geomesh.mesh.topology import boundary_edges
 from geomesh.pipeline.budget import refined_budget, wanted_nodes
 from geomesh.pipeline.goals import reach_goal
@@ -105,7 +107,26 @@ def refine_scene(
         constraints=refined.constraints,
         node_table=_nodes_of(mesh, refined),
     )
-    return Outcome(shaped, refined.values, budget, result.reached, result.note, result.keeps_floor)
+    keeps_floor, note = result.keeps_floor, result.note
+    if keeps_floor and _is_thin_inside(shaped, recipe):
+        keeps_floor = False
+        note = note or (
+            f"between lines or parts of the outline that are too near to each other, angles of "
+            f"less than {recipe.min_angle:g} degrees could not be avoided"
+        )
+    return Outcome(shaped, refined.values, budget, result.reached, note, keeps_floor)
+
+
+def _is_thin_inside(mesh: TriangleMesh, recipe: Recipe) -> bool:
+    """Return whether a triangle without a node that has to stay is below the smallest angle."""
+    held = np.zeros(len(mesh.nodes), np.bool_)
+    held[mesh.constraints] = True
+    held[boundary_edges(mesh.triangles)] = True
+    if recipe.keep_features:
+        held |= mesh.node_table["kind"] == "feature"
+    inner = mesh.triangles[~held[mesh.triangles].any(axis=1)]
+    angles = measure_each(mesh.plane_nodes, inner, ("min_angle",))["min_angle"]
+    return bool((angles < recipe.min_angle - ANGLE_TOLERANCE).any())
 
 
 def _nodes_of(mesh: TriangleMesh, refined: Refined) -> Table:
