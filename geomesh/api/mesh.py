@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from geomesh.surface.accuracy import Accuracy
     from geomesh.surface.fidelity import Fidelity
     from geomesh.terrain.volume import Volume
+    from geomesh.view.web_map.write import NotebookMap
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,8 +256,81 @@ class Mesh(TriangleMesh):
 
         return plot_mesh(self, column, **options)
 
-    def explore(self, column: str = "color", **options: Any) -> Any:
-        """Show the triangles on a web map; see `geomesh.view.notebook.explore`."""
-        from geomesh.view.notebook import explore
+    def to_html(
+        self,
+        path: str | PathLike[str],
+        *,
+        other: Mesh | None = None,
+        column: str = "color",
+        columns: Iterable[str] | None = None,
+        title: str | None = None,
+        basemap: str | None = None,
+        embed: Source | None = None,
+        overwrite: bool = False,
+        progress: bool | Progress = False,
+    ) -> Path:
+        """Write the mesh as a web map: one HTML file that opens from disk, without a network.
 
-        return explore(self, column, **options)
+        Parameters
+        ----------
+        path : path-like
+            Named .html.
+        other : Mesh, optional
+            A second mesh in the same CRS, on the right side of a swipe.
+        column : str
+            The attribute that is shown first: "color" (the colours of the image), or a column of
+            ``mesh.attributes("triangles")``.
+        columns : iterable of str, optional
+            Attributes in the page. Default: all of a mesh with up to 200,000 triangles; of a
+            larger one the number of pixels, the means and the classes. Measures of shape are
+            always there.
+        title : str, optional
+        basemap : str, optional
+            Address of web tiles with {z}, {x} and {y}, which the user can turn on.
+        embed : path, rasterio dataset, xarray.DataArray, or (array, transform, crs), optional
+            A raster for the right side of a swipe, such as the one that was meshed.
+        overwrite : bool
+            Replace an existing file.
+        progress : bool or callable(fraction, message)
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written, there are more than 3 million triangles, or a column
+            does not exist.
+        """
+        from geomesh.view.web_map.page import MapOptions
+        from geomesh.view.web_map.write import write_map
+
+        meshes = [self] if other is None else [self, other]
+        options = MapOptions(column, columns, title, basemap)
+        with reporting(progress) as report:
+            return write_map(
+                *(meshes, path, options), embed=embed, overwrite=overwrite, progress=report
+            )
+
+    def explore(
+        self,
+        column: str = "color",
+        *,
+        other: Mesh | None = None,
+        columns: Iterable[str] | None = None,
+        basemap: str | None = None,
+        embed: Source | None = None,
+        height: int = 520,
+    ) -> NotebookMap:
+        """Return the map of `to_html` for a notebook, which shows it below the cell.
+
+        Parameters
+        ----------
+        column, other, columns, basemap, embed
+            As in `to_html`.
+        height : int
+            Of the map, in pixels.
+        """
+        from geomesh.view.web_map.page import MapOptions
+        from geomesh.view.web_map.write import NotebookMap, page_of
+
+        meshes = [self] if other is None else [self, other]
+        options = MapOptions(column, columns, None, basemap)
+        return NotebookMap(page_of(meshes, options, embed=embed), height)

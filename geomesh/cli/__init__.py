@@ -24,6 +24,7 @@ from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
 from geomesh.cli.streams import tell_of_lost_output, unfailing_streams
 from geomesh.cli.versions import print_versions
+from geomesh.cli.view import view
 from geomesh.cli.volume import volume
 from geomesh.parallel.memory import keep_freed_memory
 
@@ -100,6 +101,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh evaluate scenes/ -o table1.csv
       geomesh convert mesh.gpkg -o web.geojson
       geomesh contours mesh.gpkg -o contours.gpkg --interval 10
+      geomesh view mesh.gpkg -o map.html
     """
     if isinstance(ctx.obj, dict) and "env" in ctx.obj:
         ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: use the GDAL settings of rio's options
@@ -107,5 +109,8 @@ def cli(ctx: click.Context, debug: bool) -> None:
     ctx.obj = debug
 
 
-for command in (mesh, stages, quality, render, evaluate, info, convert, contours, volume):
+for command in (
+    *(mesh, stages, quality, render, evaluate, info, convert, contours, volume),
+    *(view,),
+):
     cli.add_command(command)

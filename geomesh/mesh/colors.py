@@ -24,8 +24,13 @@ def brightened(levels: NDArray[Any]) -> NDArray[np.uint8]:
     Raw 8-bit satellite bands often use only the lower part of the range. All colours are
     multiplied by one factor, which is 1 if the image is bright enough.
     """
+    return np.clip(levels * brightening(levels), 0, 255).astype(np.uint8)
+
+
+def brightening(levels: NDArray[Any]) -> float:
+    """Return the factor of `brightened`."""
     greatest = max(float(np.percentile(levels, _BRIGHTEST)), 1.0)
-    return np.clip(levels * max(255 / greatest, 1.0), 0, 255).astype(np.uint8)
+    return max(255 / greatest, 1.0)
 
 
 def parse_colors(colors: NDArray[Any]) -> NDArray[np.uint8]:

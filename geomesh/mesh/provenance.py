@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from geomesh.arrays.plain import plain_json
 from geomesh.mesh.refinement import Refinement
 from geomesh.raster.nodata import parse_nodata
 from geomesh.recipe import Recipe
@@ -85,6 +86,29 @@ class CannyThresholds:
 
 
 @dataclass(frozen=True)
+class Display:
+    """How the colours of the triangles were made from their means.
+
+    Parameters
+    ----------
+    bands : (str, str, str)
+        Names of the bands that are shown as red, green and blue.
+    ranges : tuple of three (black, white)
+        Values of each that are shown as 0 and as 255.
+    """
+
+    bands: tuple[str, str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Display:
+        """Return what was stored as plain JSON values."""
+        red, green, blue = values["bands"]
+        ranges = tuple((float(black), float(white)) for black, white in values["ranges"])
+        return cls((red, green, blue), (ranges[0], ranges[1], ranges[2]))
+
+
+@dataclass(frozen=True)
 class BreaklineFacts:
     """The breaklines of a mesh.
 
@@ -125,6 +149,8 @@ class Provenance:
     refinement : Refinement, optional
         The goal of the refinement, and what the mesh reaches; None if it was not refined.
     breaklines : BreaklineFacts, optional
+    display : Display, optional
+        None if an older version of geomesh made the mesh.
     """
 
     recipe: Recipe
@@ -135,6 +161,7 @@ class Provenance:
     versions: Mapping[str, str]
     refinement: Refinement | None = None
     breaklines: BreaklineFacts | None = None
+    display: Display | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "versions", dict(self.versions))
@@ -155,6 +182,7 @@ class Provenance:
             "pixels": asdict(self.pixels),
             "canny": None if self.canny is None else asdict(self.canny),
             "breaklines": None if self.breaklines is None else asdict(self.breaklines),
+            "display": None if self.display is None else plain_json(asdict(self.display)),
             "warnings": list(self.warnings),
             "versions": dict(self.versions),
             **refined,
@@ -173,7 +201,7 @@ class Provenance:
         nodata, canny = source["nodata"], values["canny"]
         # Only refined meshes have this.
         refinement = values.get("refinement")
-        lines = values.get("breaklines")
+        lines, display = values.get("breaklines"), values.get("display")
         return cls(
             recipe=Recipe.from_dict(values["recipe"]),
             source=SourceRaster(
@@ -192,4 +220,5 @@ class Provenance:
             versions=dict(values["versions"]),
             refinement=None if refinement is None else Refinement.from_dict(refinement),
             breaklines=BreaklineFacts(**lines) if lines is not None else None,
+            display=Display.from_dict(display) if display is not None else None,
         )

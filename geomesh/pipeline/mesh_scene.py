@@ -24,6 +24,7 @@ from geomesh.features.overview import read_overview
 from geomesh.mesh.height import find_height
 from geomesh.mesh.provenance import (
     CannyThresholds,
+    Display,
     Provenance,
     SourceBand,
     SourceRaster,
@@ -138,6 +139,7 @@ def mesh_scene(
             versions=versions(),
             refinement=described.refinement,
             breaklines=nodes.breaklines,
+            display=display_of(scene, tone),
         ),
     )
 
@@ -197,6 +199,14 @@ def source_of(scene: Scene) -> SourceRaster:
         unscale=scene.unscale,
         area=scene.area.to_text() if scene.area is not None else None,
     )
+
+
+def display_of(scene: Scene, tone: Tone) -> Display:
+    """Return how the colours of a scene's triangles are made."""
+    ranges = tone.display_ranges or ((0.0, 255.0),) * len(scene.bands)
+    red, green, blue = scene.display
+    names = (scene.bands[red].name, scene.bands[green].name, scene.bands[blue].name)
+    return Display(names, (ranges[red], ranges[green], ranges[blue]))
 
 
 def _warn(notes: Sequence[str]) -> None:

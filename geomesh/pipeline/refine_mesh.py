@@ -16,7 +16,7 @@ from geomesh.parallel.progress import part_of
 from geomesh.pipeline.attributes import describe
 from geomesh.pipeline.budget import wanted_nodes
 from geomesh.pipeline.join import triangulate_nodes
-from geomesh.pipeline.mesh_scene import source_of, tone_of, versions
+from geomesh.pipeline.mesh_scene import display_of, source_of, tone_of, versions
 from geomesh.pipeline.nodes import NodeSet
 from geomesh.pipeline.refine_scene import refine_scene
 from geomesh.pipeline.start import grid_spacing, start_nodes
@@ -88,6 +88,7 @@ def refine_mesh(
             versions=versions(),
             refinement=described.refinement,
             breaklines=None if made is None else made.breaklines,
+            display=display_of(scene, tone),
         ),
     )
 

@@ -1,0 +1,1 @@
+"""The web map: a mesh as one HTML page that opens from disk, without any network."""

@@ -1,0 +1,307 @@
+/* Puts everything together: reads the mesh, keeps the state, draws frames, follows the address. */
+const REST = 130; // milliseconds after the last move until a slow GPU draws anew
+const QUICK = 60; // milliseconds: a GPU that draws a picture in less draws it in every frame
+
+class App {
+  constructor(head) {
+    this.head = head;
+    this.frame = head.frame;
+    this.canvas = $("map");
+    this.times = { start: performance.now() };
+    this.style = { edges: false, nodes: false, breaklines: false, smooth: true, bright: true, byValue: false };
+    this.split = 0.5;
+    this.column = "";
+    this.chosen = null;
+    this.lastMove = 0;
+    this.waiting = [];
+  }
+
+  async start() {
+    const gl = this.canvas.getContext("webgl2", { antialias: false, premultipliedAlpha: true });
+    if (!gl) throw Error("This browser cannot show the map: it has no WebGL 2. Use a recent Firefox, Chrome, Edge or Safari, and switch hardware acceleration on.");
+    this.gl = gl;
+    this.canvas.addEventListener("webglcontextlost", () => fail("The graphics memory was lost. Reload the page."));
+    this.view = new View(this.frame, this.canvas);
+    this.meshes = await Promise.all(this.head.meshes.map((about, number) => new Mesh(number, about).load()));
+    this.times.decoded = performance.now();
+    const smoothed = !drawsInSoftware(gl);
+    const programs = makePrograms(gl);
+    this.painters = this.meshes.map((mesh) => new Painter(gl, mesh, programs, smoothed));
+    this.times.uploaded = performance.now();
+    this.screen = new Screen(gl, this.canvas, this.view, programs);
+    this.meshes.forEach(addColumns);
+    this.prepareStyle();
+    this.preparePanel();
+    this.fit();
+    await this.readAddress();
+    this.connect();
+    this.request();
+  }
+
+  prepareStyle() {
+    const { gl } = this;
+    this.ramps = Object.fromEntries(Object.entries(this.head.ramps).map(([name, text]) => [name, fromBase64(text)]));
+    this.textures = Object.fromEntries(Object.entries(this.ramps).map(([name, colors]) => [name, makeRamp(gl, colors)]));
+    const palette = Uint8Array.from(CATEGORIES.flatMap((color) => [1, 3, 5].map((k) => parseInt(color.slice(k, k + 2), 16))));
+    this.style.palette = makeRamp(gl, palette);
+    this.style.classes = CATEGORIES.length;
+    this.setRamp(Object.keys(this.ramps)[0]);
+  }
+
+  setRamp(name) {
+    Object.assign(this.style, { rampName: name, rampColors: this.ramps[name], ramp: this.textures[name] });
+  }
+
+  preparePanel() {
+    const { head, frame, meshes } = this, [first] = meshes;
+    const count = (mesh) => `${mesh.about.triangles.toLocaleString("en")} triangles`;
+    $("count").textContent = [meshes.map(count).join(" | "), frame.crs ?? "no CRS"].join(", ");
+    if (frame.name) $("count").title = frame.name;
+    listColumns(meshes);
+    for (const name of Object.keys(this.ramps)) $("ramps").add(new Option(name, name));
+    $("lines").textContent = meshes.some((mesh) => mesh.about.breaklines) ? "breaklines" : "outline";
+    $("smooth").parentElement.hidden = !meshes.some((mesh) => mesh.surface);
+    $("bright").parentElement.hidden = !meshes.some((mesh) => mesh.about.gain > 1.02);
+    $("basemap").parentElement.hidden = !(head.basemap && frame.mercator);
+    if (innerWidth <= 620) $("panel").open = false;
+    const right = meshes[1]?.about.name ?? head.image?.name;
+    $("swipe").hidden = right === undefined;
+    $("left").textContent = first.about.name;
+    $("right").textContent = right ?? "";
+  }
+
+  connect() {
+    listen(this.canvas, this.view, {
+      moved: () => this.moved(),
+      hover: (px, py) => this.hover(px, py),
+      left: () => { $("at").textContent = ""; },
+      choose: (px, py) => this.choose(px, py),
+      fit: () => this.fit(),
+      key: (key) => this.key(key),
+    });
+    listenToSwipe($("swipe"), (split) => this.swipe(split));
+    $("column").addEventListener("change", (event) => this.setColumn(event.target.value));
+    for (const name of ["edges", "nodes", "breaklines", "smooth", "bright"]) {
+      $(name).addEventListener("change", () => this.restyle());
+    }
+    $("basemap").addEventListener("change", () => this.setBasemap());
+    $("ramps").addEventListener("change", (event) => { this.setRamp(event.target.value); this.restyle(); });
+    $("cut").addEventListener("click", () => this.setCut(!this.style.isWhole));
+    for (const end of ["low", "high"]) $(end).addEventListener("change", () => this.cutByHand());
+    new ResizeObserver(() => this.request()).observe(this.canvas);
+    addEventListener("hashchange", () => { if (location.hash !== this.address) this.readAddress(); });
+  }
+
+  /* ---- what is shown ---- */
+  fit() {
+    Object.assign(this.view, this.view.fitted(this.frame.box));
+    this.request();
+  }
+
+  moved() {
+    this.lastMove = performance.now();
+    this.request();
+  }
+
+  key(key) {
+    const toggle = { e: "edges", n: "nodes", b: "breaklines", s: "smooth" }[key];
+    if (toggle && !$(toggle).parentElement.hidden) {
+      $(toggle).checked = !$(toggle).checked;
+      this.restyle();
+    }
+    if (key === "Escape") this.forget();
+  }
+
+  async restyle() {
+    for (const name of ["edges", "nodes", "breaklines", "smooth", "bright"]) this.style[name] = $(name).checked;
+    await Promise.all(this.painters.map((painter) => painter.prepareLines(this.style)));
+    const column = this.shownColumn();
+    if (column) showLegend(this.style, column);
+    this.painters.forEach((painter) => painter.restyle());
+    this.request();
+  }
+
+  shownColumn() {
+    return this.painters.map((painter) => painter.column).find(Boolean) ?? null;
+  }
+
+  async setColumn(key) {
+    this.column = $("column").value = key;
+    const columns = await Promise.all(this.meshes.map((mesh) => (key ? readColumn(mesh, key) : null)));
+    if (this.column !== key) return; // another one was chosen meanwhile
+    this.painters.forEach((painter, k) => painter.setColumn(columns[k]));
+    const some = columns.find(Boolean);
+    this.style.byValue = Boolean(some);
+    if (some) {
+      const cyclic = Object.keys(this.ramps).at(-1), [first] = Object.keys(this.ramps);
+      if ((some.kind === "circle") !== (this.style.rampName === cyclic)) this.setRamp(some.kind === "circle" ? cyclic : first);
+      this.setCut(false);
+    } else {
+      showLegend(this.style, null);
+      await this.restyle();
+    }
+  }
+
+  /** Spread the colours over the whole range, or over all but 2 % at each end. */
+  setCut(isWhole) {
+    const columns = this.painters.map((painter) => painter.column).filter(Boolean);
+    const ranges = columns.map((column) => (isWhole || column.kind === "circle" ? rangeOf(column) : column.cut));
+    this.style.isWhole = isWhole;
+    this.style.cut = [Math.min(...ranges.map(([low]) => low)), Math.max(...ranges.map(([, high]) => high))];
+    return this.restyle();
+  }
+
+  cutByHand() {
+    const cut = [Number($("low").value), Number($("high").value)];
+    if (cut.every(Number.isFinite) && cut[0] < cut[1]) this.style.cut = cut;
+    this.restyle();
+  }
+
+  setBasemap() {
+    const { basemap } = this.head, isOn = $("basemap").checked;
+    this.screen.basemap = isOn ? new Basemap(this.gl, this.frame, basemap, () => this.request()) : null;
+    $("credit").textContent = isOn ? `Basemap: ${new URL(basemap.replace(/[{}]/g, "")).hostname}` : "";
+    $("credit").hidden = !isOn;
+    this.request();
+  }
+
+  swipe(split) {
+    this.split = Math.min(1, Math.max(0, split));
+    const { style } = $("swipe");
+    style.left = `${100 * this.split}%`;
+    $("swipe").setAttribute("aria-valuenow", Math.round(100 * this.split));
+    this.request();
+  }
+
+  /* ---- the pointer ---- */
+  painterAt(px) {
+    const isRight = !$("swipe").hidden && px > this.split * innerWidth;
+    if (!isRight) return this.painters[0];
+    return this.painters[1] ?? null; // null: the image
+  }
+
+  hover(px, py) {
+    const [x, y] = this.view.toLattice(px, py), painter = this.painterAt(px), column = painter?.column;
+    const t = painter && column?.at === "triangles" ? painter.mesh.find(x, y) : -1;
+    const value = t >= 0 ? valueAt(column, t) : null;
+    const told = value === null ? "" : `${column.name} ${withUnit(typeof value === "string" ? value : format(value), column.unit)}`;
+    showPlace(this.frame, this.view, x, y, told);
+  }
+
+  async choose(px, py) {
+    const painter = this.painterAt(px), t = painter ? painter.mesh.find(...this.view.toLattice(px, py)) : -1;
+    if (t < 0) {
+      this.forget();
+      return;
+    }
+    this.chosen = { painter, triangle: t };
+    this.request();
+    await showAttributes(painter.mesh, t, () => this.forget());
+  }
+
+  forget() {
+    this.chosen = null;
+    $("info").hidden = true;
+    this.request();
+  }
+
+  /* ---- the address: a link to just this view ---- */
+  writeAddress() {
+    const { view, style } = this, [x, y] = view.toMap(view.x, view.y), parts = new URLSearchParams();
+    parts.set("at", [x, y, view.unit].map((each) => Number(each.toPrecision(12))).join(","));
+    if (this.column) parts.set("column", this.column);
+    const on = ["edges", "nodes", "breaklines"].filter((name) => style[name]);
+    if (on.length) parts.set("show", on.join(","));
+    if (!$("swipe").hidden && this.split !== 0.5) parts.set("swipe", this.split.toFixed(3));
+    this.address = `#${parts}`;
+    try {
+      history.replaceState(null, "", this.address);
+    } catch {
+      // A page inside another one may have no address of its own.
+    }
+  }
+
+  async readAddress() {
+    const parts = new URLSearchParams(location.hash.slice(1)), at = (parts.get("at") ?? "").split(",").map(Number);
+    if (at.length === 3 && at.every(Number.isFinite) && at[2] > 0) {
+      [this.view.x, this.view.y] = this.view.fromMap(at[0], at[1]);
+      this.view.unit = this.view.limited(at[2]);
+    }
+    const on = (parts.get("show") ?? "").split(",");
+    for (const name of ["edges", "nodes", "breaklines"]) $(name).checked = on.includes(name);
+    if (parts.has("swipe")) this.swipe(Number(parts.get("swipe")) || 0);
+    const column = parts.get("column"), isKnown = [...$("column").options].some(({ value }) => value === column);
+    await this.setColumn(isKnown ? column : this.head.column);
+  }
+
+  /* ---- frames ---- */
+  request(isChanged = true) {
+    this.isChanged ||= isChanged;
+    if (this.isRequested) return;
+    this.isRequested = true;
+    requestAnimationFrame(() => this.drawFrame());
+  }
+
+  drawFrame() {
+    this.isRequested = false;
+    const { painters, screen, view } = this, isResting = performance.now() - this.lastMove > REST;
+    let isBusy = false;
+    for (const painter of painters) {
+      const mayStart = isResting || painter.cost < QUICK, { shown } = painter;
+      isBusy = painter.advance(view, screen.ratio, this.style, mayStart) || isBusy;
+      if (painter.shown !== shown) this.isChanged = true;
+      if (isBusy && painter.job) break; // one after the other
+    }
+    if (this.isChanged) this.compose();
+    const isCurrent = painters.every((painter) => painter.shows(painter.shown, view, screen.ratio));
+    if (isCurrent && !this.times.firstFrame) this.arrived();
+    if (isBusy || !isResting) this.request(false);
+    if (isCurrent) {
+      if (isResting) this.writeAddress();
+      this.waiting.splice(0).forEach((done) => done());
+    }
+  }
+
+  /** Put the pictures on the screen. */
+  compose() {
+    const { painters, screen } = this;
+    this.isChanged = false;
+    const right = $("swipe").hidden ? null : (painters[1] ?? (screen.image ? "image" : null));
+    const gain = this.style.bright ? this.meshes[0].about.gain : 1;
+    screen.draw(painters[0], right, this.split, screen.basemap ? 0.65 : 1, gain, this.chosen);
+    showScale(this.frame, this.view);
+  }
+
+  arrived() {
+    this.times.firstFrame = performance.now();
+    if (this.head.image) this.screen.addImage(this.head.image).then(() => this.request());
+  }
+
+  /** Wait until the window shows just what it should. */
+  idle() {
+    return new Promise((done) => {
+      this.waiting.push(done);
+      this.request();
+    });
+  }
+}
+
+const app = new App(JSON.parse($("head").textContent));
+const ready = app.start().then(() => app.idle());
+ready.catch((error) => fail(error.message));
+
+/** For tests, and for pages that embed this one. Places are pixels of the raster, x right, y down. */
+window.geomesh = {
+  ready,
+  times: app.times,
+  idle: () => app.idle(),
+  project: ([x, y]) => app.view.toScreen(256 * x, 256 * y),
+  unproject: ([px, py]) => app.view.toLattice(px, py).map((each) => each / 256),
+  get view() {
+    return { x: app.view.x / 256, y: app.view.y / 256, scale: 1 / app.view.unit };
+  },
+  setView({ x, y, scale }) {
+    Object.assign(app.view, { x: 256 * x, y: 256 * y, unit: 1 / scale });
+    return app.idle();
+  },
+};
