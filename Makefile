@@ -54,8 +54,10 @@ demo: $(BIN)/.installed
 	$(BIN)/geomesh stages $(SAMPLE) -o out/olinda_stages.png --overwrite
 	@$(BIN)/python -c "import geomesh; \
 		geomesh.read_mesh('out/olinda.gpkg').plot(path='out/olinda_mesh.png')"
+	$(BIN)/geomesh view out/olinda.gpkg -o out/olinda.html --embed $(SAMPLE) --overwrite
 	@echo
 	@echo "Made from $(SAMPLE):"
+	@echo "  out/olinda.html        a map of the mesh beside the image: open it in a browser"
 	@echo "  out/olinda.gpkg        the mesh: layers triangles, edges and nodes, certified"
 	@echo "  out/olinda_stages.png  what each stage of the pipeline gives"
 	@echo "  out/olinda_mesh.png    the mesh on the map"

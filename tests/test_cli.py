@@ -361,7 +361,17 @@ def test_settings_reach_the_recipe(tmp_path):
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["mesh"], ["stages"], ["quality"], ["evaluate"], ["info"], ["convert"], ["contours"]],
+    [
+        [],
+        ["mesh"],
+        ["stages"],
+        ["quality"],
+        ["evaluate"],
+        ["info"],
+        ["convert"],
+        ["contours"],
+        ["view"],
+    ],
 )
 def test_help_shows_examples(command):
     stdout, _ = run(*command, "--help")

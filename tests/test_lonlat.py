@@ -147,16 +147,6 @@ def test_only_a_triangle_around_a_pole_is_wide(tmp_path: Path) -> None:
     assert wide.sum() == 1
 
 
-def test_the_web_map_shows_the_same_polygons(monkeypatch: pytest.MonkeyPatch) -> None:
-    crs, transform = REGIONS["antimeridian"]
-    mesh = frame_mesh(Grid(WIDTH, HEIGHT, transform, crs))
-    shown = []
-    monkeypatch.setattr(gpd.GeoDataFrame, "explore", lambda frame, **_: shown.append(frame))
-    mesh.explore("ki")
-    assert shown[0].crs == CRS(4326)
-    assert shapely.equals(shown[0].geometry.values, shapes(mesh)).all()
-
-
 def test_ordinary_triangles_keep_three_corners() -> None:
     # 100 pixels of 10 m: the straight line is within a sixteenth of a pixel.
     mesh = lattice_mesh("EPSG:32633", Affine(1000, 0, 4e5, 0, -1000, 5e6), 10, 10)

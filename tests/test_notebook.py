@@ -1,4 +1,4 @@
-"""A mesh in a notebook: its picture, its description, and its interactive map."""
+"""A mesh in a notebook: its picture and its description."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from pyproj import CRS
 
 import geomesh
 from geomesh.arrays.table import Table
-from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
 from geomesh.mesh.colors import brightened, parse_colors
 from geomesh.raster.grid import Grid
 from geomesh.recipe import Recipe
@@ -178,7 +177,7 @@ def test_jupyter_shows_the_mesh_its_plot_once_and_its_map(tmp_path):
     cells = (
         f"import geomesh\nmesh = geomesh.mesh_raster({str(OLINDA)!r}, nodes=300)\nmesh",
         "mesh.plot()",
-        "mesh.explore(tiles=None)",
+        "mesh.explore()",
     )
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
     done = nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute(
@@ -189,87 +188,4 @@ def test_jupyter_shows_the_mesh_its_plot_once_and_its_map(tmp_path):
     assert result["data"]["text/plain"] == repr(geomesh.mesh_raster(OLINDA, nodes=300))
     assert told_by(result["data"]["text/html"])[1].startswith("geomesh.Mesh : 300 nodes")
     assert ["image/png" in output["data"] for output in plotted] == [False, True]
-    assert "text/html" in explored[0]["data"]
-
-
-# The map
-
-
-def layer_of(folium_map):
-    """Return the GeoJSON document that the map shows."""
-    (layer,) = (
-        child for child in folium_map._children.values() if type(child).__name__ == "GeoJson"
-    )
-    return layer
-
-
-def test_a_map_has_every_triangle_where_it_is_in_its_colour(olinda):
-    mesh = geomesh.mesh_raster(olinda, nodes=300)
-    layer = layer_of(mesh.explore(tiles=None))
-    features = layer.data["features"]
-    expected = mesh.to_geodataframe().to_crs(4326)
-    assert len(features) == len(expected)
-    rings = np.array([feature["geometry"]["coordinates"][0] for feature in features])
-    np.testing.assert_allclose(
-        rings, [np.array(shape.exterior.coords) for shape in expected.geometry], atol=1e-9
-    )
-    drawn = [feature["properties"]["__folium_color"] for feature in features]
-    levels = parse_colors(np.array(drawn))
-    assert (levels == brightened(parse_colors(mesh.attributes("triangles")["color"]))).all()
-    told = set(features[0]["properties"]) - {"__folium_color"}
-    assert told == {"id", "area", "red_mean", "green_mean", "blue_mean"}
-
-
-@pytest.mark.slow
-def test_a_map_of_any_column_with_any_option_of_geopandas(olinda):
-    mesh = geomesh.mesh_raster(olinda, nodes=300)
-    first = mesh.explore("min_angle", tiles=None, cmap="magma", tooltip=["min_angle"])
-    features = layer_of(first).data["features"]
-    shown = [feature["properties"]["min_angle"] for feature in features]
-    np.testing.assert_allclose(shown, mesh.attributes("triangles")["min_angle"])
-    assert not any(type(child).__name__ == "TileLayer" for child in first._children.values())
-    assert mesh.explore(m=first) is first
-
-
-def test_a_map_of_too_many_triangles_is_refused_with_the_way_out(olinda):
-    mesh = geomesh.mesh_raster(olinda, nodes=300)
-    count = len(mesh.triangles)
-    told = rf"^{count} triangles are too many .* \(at most 400\): mesh with nodes=200 or"
-    with pytest.raises(OutputError, match=told):
-        mesh.explore(most=400)
-    assert mesh.explore(most=None, tiles=None) is not None
-
-
-def test_a_map_of_an_unknown_column_is_refused(olinda):
-    with pytest.raises(ValueError, match="column is 'nope': choose from id, n0"):
-        geomesh.mesh_raster(olinda, nodes=100).explore("nope")
-
-
-MARS = CRS("+proj=longlat +a=3396190 +b=3376200 +no_defs")
-
-
-@pytest.mark.parametrize(
-    ("grid", "told"),
-    [
-        (ORIENTATIONS["no georeference"], r"no CRS.*mesh the raster with `crs='EPSG:\.\.\.'`"),
-        (
-            Grid(40, 30, Affine(0.1, 0, 0, 0, -0.1, 0), CRS("IAU_2015:49900")),
-            "there is no transformation",
-        ),
-        (
-            Grid(40, 30, Affine(4e5, 0, -8e6, 0, -4e5, 6e6), CRS("+proj=geos +h=35785831")),
-            "some nodes have no longitude",
-        ),
-    ],
-    ids=["no crs", "Mars", "space"],
-)
-def test_a_mesh_off_the_map_of_the_earth_is_refused(grid, told):
-    with pytest.raises(GeoreferenceError, match=told) as refusal:
-        frame_mesh(grid).explore()
-    assert "mesh.plot()" in str(refusal.value)
-
-
-def test_a_map_needs_folium(monkeypatch):
-    monkeypatch.setitem(sys.modules, "folium", None)
-    with pytest.raises(MissingExtraError, match=r"folium .* pip install 'geomesh-toolkit\[note"):
-        frame_mesh(ORIENTATIONS["north-up"]).explore()
+    assert explored[0]["data"]["text/html"].startswith("<iframe srcdoc=")

@@ -114,7 +114,6 @@ def test_the_metadata_are_complete(metadata):
         "exact",
         "figures",
         "graph",
-        "notebook",
         "terrain",
         "xarray",
     }
@@ -149,8 +148,9 @@ assert mesh._repr_html_().startswith("<div")
 mesh.plot(path="plot.png")
 again = geomesh.mesh_raster("scene.tif", nodes=300)
 assert (again.triangles == mesh.triangles).all()
+assert mesh.explore()._repr_html_().startswith("<iframe")
 try:
-    mesh.explore()
+    mesh.to_graph("networkx")
 except geomesh.GeomeshError as error:
     print(error)
 """
@@ -193,7 +193,7 @@ def test_the_demo_runs_from_the_wheel_alone(bare, tmp_path):
     assert told == ("", "Error: none.tif: no such file; check the path\n")
 
     told, _ = run(python, "-c", LOOK, cwd=folder)
-    assert told == "folium is not installed: pip install 'geomesh-toolkit[notebook]'\n"
+    assert told == "networkx is not installed: pip install 'geomesh-toolkit[graph]'\n"
     assert {path.name for path in folder.iterdir()} == {
         *("scene.tif", "mesh.gpkg", "stages.png", "rio.gpkg", "plot.png"),
     }

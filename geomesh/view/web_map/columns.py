@@ -221,7 +221,7 @@ def _numbers(name: str, at: str, values: NDArray[Any], unit: str) -> Column:
     is_whole = 2 * half < NULL and np.array_equal(some, np.rint(some))
     step = 1.0 if is_whole or half == 0 else half / ((NULL - 1) / 2)
     codes = np.full(len(numbers), NULL, np.uint16)
-    codes[known] = np.minimum(np.rint((some - low) / step), NULL - 1)
+    codes[known] = np.minimum(np.rint((some / 2 - low / 2) / step * 2), NULL - 1)
     cut = np.percentile(some, _PERCENTILES) if len(some) else (0.0, 0.0)
     kind = "circle" if name in _CIRCULAR else "number"
     return Column(name, at, codes, low, step, (float(cut[0]), float(cut[1])), None, unit, kind)

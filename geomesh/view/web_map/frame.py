@@ -53,7 +53,7 @@ class Frame:
     @cached_property
     def affine(self) -> Affine:
         """From lattice to map coordinates."""
-        return self.grid.transform * Affine.scale(1 / LATTICE)
+        return self.grid.transform @ Affine.scale(1 / LATTICE)
 
     @cached_property
     def metres(self) -> tuple[float, float]:
@@ -101,7 +101,7 @@ class Frame:
         if crs is None or lonlat is None:
             return None
         transformer = Transformer.from_crs(crs, lonlat, always_xy=True)
-        # A tenth of a pixel, in degrees of latitude on Earth; about that on other planets.
+        # A pixel in degrees of latitude on Earth; about that on other planets.
         a, b, _, d, e, _ = self.grid.transform[:6]
         pixel = min(np.hypot(a, d), np.hypot(b, e)) * self.metres[1] / 111_000
         found = None
@@ -114,10 +114,10 @@ class Frame:
                 "side": side,
                 "lon": values[0].round(9).ravel().tolist(),
                 "lat": values[1].round(9).ravel().tolist(),
-                "decimals": int(np.clip(-np.log10(max(error, pixel, 1e-9)) + 1, 2, 8)),
+                "decimals": int(np.clip(-np.log10(max(error, pixel / 20)), 0, 8)),
                 "name": "" if is_on_earth(crs) else lonlat.name,
             }
-            if error < pixel / 10:
+            if error < pixel / 20:
                 break
         return found
 

@@ -12,7 +12,7 @@ from affine import Affine
 from rasterio.errors import RasterioError
 from rasterio.warp import Resampling, reproject
 
-from geomesh.errors import GeoreferenceError, SourceError, one_line
+from geomesh.errors import BandError, GeoreferenceError, SourceError, one_line
 from geomesh.features.gray import Tone, fit_tone
 from geomesh.raster.crs import crs_label, same_crs
 from geomesh.raster.grid import LATTICE
@@ -93,8 +93,8 @@ def read_image(mesh: TriangleMesh, source: Source) -> Image:
     _, encoded = cv2.imencode(
         ".webp", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), (cv2.IMWRITE_WEBP_QUALITY, _QUALITY)
     )
-    to_lattice = Affine.scale(LATTICE) * ~mesh.grid.transform * grid.transform
-    affine = to_lattice * Affine.scale(grid.width, grid.height)
+    to_lattice = Affine.scale(LATTICE) @ ~mesh.grid.transform @ grid.transform
+    affine = to_lattice @ Affine.scale(grid.width, grid.height)
     return Image(Path(scene.name).name, encoded.tobytes(), affine)
 
 
@@ -102,7 +102,7 @@ def _open(mesh: TriangleMesh, source: Source) -> tuple[Scene, Tone | None]:
     """Return the scene, and the colours of the mesh if it was made from this raster."""
     try:
         scene = open_original(mesh, source)
-    except GeoreferenceError:
+    except (GeoreferenceError, BandError):
         # Another raster: a newer image, or one with smaller pixels.
         scene = open_scene(source)
         if mesh.grid.crs is None or scene.grid.crs is None:

@@ -185,11 +185,11 @@ def _ids(order: CurveOrder, lattice: NDArray[np.int64]) -> dict[str, bytes]:
 
 def _measures(mesh: TriangleMesh, grid: Grid) -> dict[str, Any]:
     """Return how steps of the lattice become lengths in the plane of the mesh, and areas."""
-    own = ~mesh.grid.transform * grid.transform * Affine.scale(1 / LATTICE)
+    own = ~mesh.grid.transform @ grid.transform @ Affine.scale(1 / LATTICE)
     scale = Affine.scale(*mesh.plane_scale)
-    a, b, _, d, e, _ = (scale * own)[:6]
+    a, b, _, d, e, _ = (scale @ own)[:6]
     crs = mesh.grid.crs
-    area = abs((grid.transform * Affine.scale(1 / LATTICE)).determinant)
+    area = abs((grid.transform @ Affine.scale(1 / LATTICE)).determinant)
     if crs is not None and not has_angles(crs):
         for axis in crs.axis_info[:2]:
             area *= axis.unit_conversion_factor or 1.0

@@ -39,8 +39,8 @@ def order_along_curve(nodes: Points, triangles: NDArray[np.int32]) -> CurveOrder
     """Return the triangles in the order of their middles along a Hilbert curve."""
     middles = nodes[triangles].mean(axis=1)
     low = middles.min(axis=0)
-    span = max(float((middles.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
-    cells = ((middles - low) * ((2**_BITS - 1) / span)).astype(np.int64)
+    span = float((middles.max(axis=0) - low).max()) or 1.0
+    cells = ((middles - low) / span * (2**_BITS - 1)).astype(np.int64)
     rows = np.argsort(_hilbert(cells), kind="stable").astype(np.int64)
     used, first, place = np.unique(triangles[rows], return_index=True, return_inverse=True)
     by_use = np.argsort(first)

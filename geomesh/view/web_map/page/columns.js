@@ -58,11 +58,14 @@ function measureColumn(mesh, column) {
   column.cut = [values[Math.floor(0.02 * (count - 1))], values[Math.ceil(0.98 * (count - 1))]];
 }
 
+/** Return the number that a code stands for. By halves: a range may be too large for a number. */
+const numberOf = ({ low, step }, code) => 2 * (low / 2 + (step / 2) * code);
+
 /** Return the value of a column for a triangle or node: a number, a text, or null. */
 function valueAt(column, row) {
   const code = column.codes[row];
   if (code === NULL) return null;
-  return column.texts ? column.texts[code] : column.low + column.step * code;
+  return column.texts ? column.texts[code] : numberOf(column, code);
 }
 
 /** Return the whole range of values. */
@@ -73,5 +76,5 @@ function rangeOf(column) {
     if (code < least) least = code;
     if (code > most) most = code;
   }
-  return most < 0 ? [0, 0] : [column.low + column.step * least, column.low + column.step * most];
+  return most < 0 ? [0, 0] : [numberOf(column, least), numberOf(column, most)];
 }
