@@ -13,6 +13,8 @@ import rasterio
 from hypothesis import HealthCheck, settings
 
 from geomesh.cli import main
+from support.browser import Browser, open_browser
+from support.browser_process import NAMES
 from support.commands import Geomesh, Run
 from support.files import mounted
 from support.samples import OLINDA, SAMPLES
@@ -69,6 +71,22 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
         return Run(int(stop.value.code or 0), *capfd.readouterr())
 
     return run
+
+
+@pytest.fixture(
+    scope="session",
+    params=[pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in NAMES],
+)
+def started_browser(request: pytest.FixtureRequest) -> Iterator[Browser]:
+    with open_browser(request.param) as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(started_browser: Browser) -> Browser:
+    """Chromium, then Firefox, with an empty page of 800 x 600 pixels. Starting takes seconds."""
+    started_browser.new_page(800, 600)
+    return started_browser
 
 
 @pytest.fixture
