@@ -1,14 +1,12 @@
 // Runs in a page behind three.js: shows a GLB from the south-east, and tells what it found.
-const report = (found) => {
-  const text = document.createElement("pre");
-  text.textContent = JSON.stringify(found);
-  document.body.replaceChildren(text);
-};
+let report;
+window.found = new Promise((done) => { report = done; });
 window.onerror = (message) => report({ error: String(message) });
 try {
   const bytes = Uint8Array.from(atob("$GLB"), (letter) => letter.charCodeAt(0));
-  const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  const renderer = new THREE.WebGLRenderer({ antialias: true });
   renderer.setSize(900, 600);
+  document.body.replaceChildren(renderer.domElement);
   const scene = new THREE.Scene();
   scene.background = new THREE.Color(0xffffff);
   new THREE.GLTFLoader().parse(bytes.buffer, "", (gltf) => {
@@ -36,7 +34,6 @@ try {
       colour: attributes.color && Array.from(attributes.color.array.slice(0, 4)),
       extras: meshes[0].userData,
       drawn: renderer.info.render.triangles,
-      picture: renderer.domElement.toDataURL("image/png"),
     });
   }, (error) => report({ error: String(error) }));
 } catch (error) {
