@@ -14,6 +14,7 @@ class App {
     this.chosen = null;
     this.lastMove = 0;
     this.waiting = [];
+    this.changes = Promise.resolve(); // of what is shown
   }
 
   async start() {
@@ -112,7 +113,17 @@ class App {
     if (key === "Escape") this.forget();
   }
 
-  async restyle() {
+  /** Let `idle` wait for a change of what is shown. */
+  change(work) {
+    this.changes = Promise.all([this.changes, work]);
+    return work;
+  }
+
+  restyle() {
+    return this.change(this.applyStyle());
+  }
+
+  async applyStyle() {
     for (const name of ["edges", "nodes", "breaklines", "smooth", "bright"]) this.style[name] = $(name).checked;
     await Promise.all(this.painters.map((painter) => painter.prepareLines(this.style)));
     const column = this.shownColumn();
@@ -125,7 +136,11 @@ class App {
     return this.painters.map((painter) => painter.column).find(Boolean) ?? null;
   }
 
-  async setColumn(key) {
+  setColumn(key) {
+    return this.change(this.applyColumn(key));
+  }
+
+  async applyColumn(key) {
     this.column = $("column").value = key;
     const columns = await Promise.all(this.meshes.map((mesh) => (key ? readColumn(mesh, key) : null)));
     if (this.column !== key) return; // another one was chosen meanwhile
@@ -278,8 +293,9 @@ class App {
   }
 
   /** Wait until the window shows just what it should. */
-  idle() {
-    return new Promise((done) => {
+  async idle() {
+    await this.changes;
+    await new Promise((done) => {
       this.waiting.push(done);
       this.request();
     });
