@@ -13,6 +13,7 @@ from geomesh.errors import GeoreferenceError, MissingExtraError, OutputError
 from geomesh.formats import dxf
 from geomesh.formats.document import build_document
 from geomesh.formats.dxf import FORMAT as DXF
+from geomesh.formats.format import PLAIN
 from geomesh.io.write import write_mesh
 from support.meshes import GEOREFERENCES, frame_mesh, lattice_mesh, provenance
 from support.terrain import (
@@ -155,7 +156,7 @@ def test_a_large_file_is_said_before(tmp_path, monkeypatch):
         height=small_tin().height,
     )
     (told,) = [text for text in DXF.notes(mesh, None) if "faces" in text]
-    layer = DXF.layer(mesh, "triangles")
+    layer = DXF.layer(mesh, "triangles", PLAIN)
     assert told.startswith("the file will have 22000 faces and about ")
     size = float(told.split()[-2])
     faces = b"".join(dxf._faces(np.zeros((1, 3)), np.zeros((0, 3), int), 1, "17"))

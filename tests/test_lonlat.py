@@ -43,8 +43,8 @@ def rotated_pole(latitude: float, longitude: float, turn: float = 0.0) -> CRS:
     )
 
 
-def shapes(mesh: Mesh, name: LayerName = "triangles") -> np.ndarray:
-    layer = LonLatLayer.of(mesh, name)
+def shapes(mesh: Mesh, name: LayerName = "triangles", precision: int | None = None) -> np.ndarray:
+    layer = LonLatLayer.of(mesh, name, precision)
     wkb = layer.geometry(slice(0, len(layer))).to_numpy(zero_copy_only=False)
     found: np.ndarray = shapely.from_wkb(wkb)
     return found
@@ -210,6 +210,22 @@ ADVISED = {
     "south": Affine(1, 0, 10, 0, -1, -90 + 40),
     "turned": Affine.rotation(10) @ Affine(1, 0, 0, 0, -1, 90),
 }
+
+
+@pytest.mark.parametrize("place", [*REGIONS, *BEYOND])
+@pytest.mark.parametrize("precision", [0, 1, 2, 5])
+def test_few_decimals_leave_valid_triangles_that_do_not_overlap(place: str, precision: int) -> None:
+    crs, transform = REGIONS[place] if place in REGIONS else BEYOND[place][:2]
+    for seed in (1, 2):
+        mesh = frame_mesh(Grid(WIDTH, HEIGHT, transform, CRS(crs)), seed)
+        found = shapes(mesh, "triangles", precision)
+        assert shapely.is_valid(found).all()
+        assert not shapely.is_empty(found).any()
+        assert shapely.is_ccw(shapely.get_exterior_ring(pieces(found))).all()
+        assert (np.abs(shapely.bounds(found)) <= (180, 90, 180, 90)).all()
+        total = shapely.area(found).sum()
+        assert shapely.union_all(found).area == pytest.approx(total, rel=1e-3)
+        assert total == pytest.approx(shapely.area(shapes(mesh)).sum(), rel=0.02)
 
 
 @pytest.mark.parametrize("place", ADVISED)

@@ -14,7 +14,7 @@ from affine import Affine
 
 import geomesh
 from geomesh.errors import GeomeshWarning, OutputError
-from geomesh.formats.format import WriteOptions
+from geomesh.formats.format import PLAIN, WriteOptions
 from geomesh.formats.solid import closed_solid
 from geomesh.formats.stl import FORMAT as STL
 from geomesh.io.write import write_mesh
@@ -189,7 +189,7 @@ def prepared(mesh, path):
     from geomesh.formats.format import LayerFile
 
     file = LayerFile(mesh, "triangles", path, STL, "{}")
-    return STL.layer(mesh, "triangles"), file, BatchStream(SimpleQueue()), None
+    return STL.layer(mesh, "triangles", PLAIN), file, BatchStream(SimpleQueue()), None
 
 
 def test_a_mesh_without_heights_is_refused(tmp_path):

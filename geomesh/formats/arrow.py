@@ -6,19 +6,20 @@ section 8.2) has a fixed size, and one structured array holds the WKB of all row
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 import pyarrow as pa
 
+from geomesh.arrays.table import Table
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from geomesh.arrays.table import Table
     from geomesh.arrays.types import Floats, Points
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parameters import LayerName
@@ -86,6 +87,11 @@ class Layer:
         """West, south, east and north of the layer on the map."""
         (west, south), (east, north) = self.points.min(axis=0), self.points.max(axis=0)
         return float(west), float(south), float(east), float(north)
+
+    def with_columns(self, names: Sequence[str]) -> Self:
+        """Return the layer with only these attributes, in this order."""
+        kept = {name: self.columns[name] for name in names}
+        return replace(self, columns=Table(kept, len(self)))
 
     @cached_property
     def _object_types(self) -> Mapping[str, pa.DataType]:

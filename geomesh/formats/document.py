@@ -10,6 +10,7 @@ import numpy as np
 
 from geomesh._version import __version__
 from geomesh.arrays.plain import plain_json
+from geomesh.formats.format import PLAIN, WriteOptions
 from geomesh.mesh.topology import edge_keys
 
 if TYPE_CHECKING:
@@ -20,20 +21,26 @@ if TYPE_CHECKING:
 
 KEY = "geomesh"
 FORMAT = 1
+OPTIONS = "options"
 
 # Name of the number of triangles that have heights.
 WITH_HEIGHTS = "triangles_with_heights"
 
 
-def build_document(mesh: TriangleMesh, certificate: Certificate) -> str:
+def build_document(
+    mesh: TriangleMesh, certificate: Certificate, options: WriteOptions = PLAIN
+) -> str:
     """Return the metadata document of a mesh as JSON text.
 
     It has the entries of the mesh's provenance (see `Provenance.to_dict`) and three more:
     `geomesh` (the version that wrote the file), `certificate` (the checks and their results)
-    and `mesh` (what `geomesh.read_mesh` needs in addition to the layers).
+    and `mesh` (what `geomesh.read_mesh` needs in addition to the layers). If the file was written
+    with options, it also has these: `options`.
     """
+    given = options.given()
     document = {
         **mesh.metadata,
+        **({OPTIONS: given} if given else {}),
         "geomesh": __version__,
         "certificate": certificate.to_dict(),
         "mesh": {

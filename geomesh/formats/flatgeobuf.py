@@ -23,5 +23,6 @@ FORMAT = Format(
     count_by_gdal,
     read_document_by_gdal,
     by_gdal=True,
+    options=("columns",),
     most_columns=65_536,  # a row stores the number of each column in 16 bits
 )

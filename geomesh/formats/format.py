@@ -10,6 +10,7 @@ from geomesh.errors import OutputError
 from geomesh.parameters import LAYERS, LayerName
 
 if TYPE_CHECKING:
+    from os import PathLike
     from pathlib import Path
 
     import pyarrow as pa
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
 
 GEOMETRY = "geometry"
+
+# Extension of a compressed file, after the usual one.
+COMPRESSED = ".gz"
+
+# A longitude in float64 has no more decimals than this.
+MOST_DECIMALS = 13
 
 # Placeholder in the metadata of a layer until the document is known.
 PENDING = "@document of the mesh@"
@@ -35,9 +42,37 @@ class WriteOptions:
     ----------
     solid : float, optional
         Height of the base of a solid, in the unit of the mesh's heights. None: a surface.
+    precision : int, optional
+        Number of decimals of longitudes and latitudes, 0 to 13. None: as many as the format
+        finds right.
+    columns : tuple of str, optional
+        The only attributes to write, in this order. None: all.
+
+    Raises
+    ------
+    OutputError
+        If there is no such precision.
     """
 
     solid: float | None = None
+    precision: int | None = None
+    columns: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.precision is not None and self.precision not in range(MOST_DECIMALS + 1):
+            raise OutputError(
+                f"`precision` is {self.precision}: choose a number of decimals from 0 to "
+                f"{MOST_DECIMALS}"
+            )
+
+    def given(self) -> dict[str, Any]:
+        """Return those that are not None, as plain JSON values."""
+        values = {
+            "solid": self.solid,
+            "precision": self.precision,
+            "columns": None if self.columns is None else list(self.columns),
+        }
+        return {name: value for name, value in values.items() if value is not None}
 
 
 PLAIN = WriteOptions()
@@ -70,13 +105,13 @@ def _nothing_to_say(mesh: TriangleMesh, options: WriteOptions) -> tuple[str, ...
     return ()
 
 
-def _layer_of(mesh: TriangleMesh, name: LayerName) -> Layer:
+def _layer_of(mesh: TriangleMesh, name: LayerName, options: WriteOptions) -> Layer:  # noqa: ARG001
     from geomesh.formats.arrow import Layer
 
     return Layer.of(mesh, name)
 
 
-def layer_with_heights(mesh: TriangleMesh, name: LayerName) -> Layer:
+def layer_with_heights(mesh: TriangleMesh, name: LayerName, options: WriteOptions) -> Layer:  # noqa: ARG001
     """Return the layer of the triangles with heights, for `Format.layer`."""
     from geomesh.formats.tin import tin_layer
 
@@ -109,7 +144,8 @@ class Format:
     driver : str
         Name of the format; if GDAL supports it, the name of GDAL's driver.
     extensions : tuple of str
-        File extensions; the first is the usual one.
+        File extensions, of one or two parts; the first is the usual one. A file whose name
+        ends in .gz is compressed, if the format has such an extension.
     write : callable(layer, file, stream, write_rows)
         Writes `layer` to `file`. The batches come from `stream`; formats that use GDAL
         write them with `write_rows`.
@@ -126,7 +162,7 @@ class Format:
         Whether names that differ only in case are the same column.
     layers : tuple of {"triangles", "edges", "nodes"}
         The layers that the format can store.
-    layer : callable(mesh, name) -> Layer
+    layer : callable(mesh, name, options) -> Layer
         Returns a layer with its rows.
     joining : Joining, optional
         Only for a format that stores several layers in one file.
@@ -154,7 +190,7 @@ class Format:
     reserved: tuple[str, ...] = ()
     ignores_case: bool = False
     layers: tuple[LayerName, ...] = LAYERS
-    layer: Callable[[TriangleMesh, LayerName], Layer] = _layer_of
+    layer: Callable[[TriangleMesh, LayerName, WriteOptions], Layer] = _layer_of
     joining: Joining | None = None
     by_gdal: bool = False
     most_columns: int | None = None
@@ -163,6 +199,12 @@ class Format:
     options: tuple[str, ...] = ()
     notes: Callable[[TriangleMesh, WriteOptions], tuple[str, ...]] = _nothing_to_say
     require: Callable[[], None] = lambda: None
+
+    def extension_for(self, path: str | PathLike[str]) -> str:
+        """Return the extension of a temporary file whose content is that of the file `path`."""
+        is_compressed = str(path).lower().endswith(COMPRESSED)
+        able = [each for each in self.extensions if each.endswith(COMPRESSED)]
+        return able[0] if is_compressed and able else self.extensions[0]
 
     def require_room(
         self, name: LayerName, *, columns: int = 0, rows: int = 0, way_out: str = "write .parquet"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from geomesh._version import __version__
+from geomesh.formats.format import COMPRESSED
 from geomesh.raster.paths import plain_name
 
 if TYPE_CHECKING:
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
     from geomesh.formats.arrow import Layer
     from geomesh.formats.batch_stream import BatchStream
     from geomesh.formats.format import LayerFile, WriteRows
+
+
+def gdal_name(path: Path) -> str:
+    """Return the name with which GDAL writes a file; .gz compresses it on the way to the disk."""
+    compressed = path.suffix.lower() == COMPRESSED
+    return f"/vsigzip/{path}" if compressed else str(path)
 
 
 def write_by_gdal(
@@ -46,7 +53,7 @@ def write_by_gdal(
         f"{len(file.mesh.triangles)} triangles, written by geomesh {__version__}"
     )
     options: dict[str, Any] = {
-        "path": str(file.path),
+        "path": gdal_name(file.path),
         "layer": file.name,
         "driver": file.format.driver,
         "geometry_name": geometry,
@@ -77,7 +84,8 @@ def count_by_gdal(path: Path, layer: str) -> int:
     """Return the number of rows that GDAL reads from a layer."""
     import pyogrio
 
-    _, table = pyogrio.read_arrow(
-        plain_name(path), layer=layer, columns=["id"], read_geometry=False
-    )
+    name = plain_name(path)
+    columns = list(pyogrio.read_info(name, layer=layer)["fields"][:1])
+    # A table without columns has no rows: read the geometry if there are no attributes.
+    _, table = pyogrio.read_arrow(name, layer=layer, columns=columns, read_geometry=not columns)
     return int(table.num_rows)

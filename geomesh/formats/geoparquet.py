@@ -58,5 +58,11 @@ def _read_document(path: Path) -> str:
 
 
 FORMAT = Format(
-    "Parquet", (".parquet", ".geoparquet"), _write, _count_rows, _read_document, reserved=(_BBOX,)
+    "Parquet",
+    (".parquet", ".geoparquet"),
+    _write,
+    _count_rows,
+    _read_document,
+    reserved=(_BBOX,),
+    options=("columns",),
 )

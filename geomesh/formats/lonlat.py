@@ -23,6 +23,13 @@ from geomesh.formats.lonlat_cut import cut
 from geomesh.formats.lonlat_heights import Lift
 from geomesh.formats.lonlat_paths import Follower, Paths, whole_turns
 from geomesh.formats.lonlat_poles import check_poles
+from geomesh.formats.lonlat_precision import (
+    Decimals,
+    choose_decimals,
+    orientation,
+    round_each,
+    short_way,
+)
 from geomesh.raster.crs import LONLAT, has_angles, is_lonlat, is_on_earth
 
 if TYPE_CHECKING:
@@ -32,13 +39,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pyproj import CRS
 
-    from geomesh.arrays.types import Points, Triangles
+    from geomesh.arrays.types import Points
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parameters import LayerName
-
-# RFC 7946 (section 11.2) recommends 7 decimals, about a centimetre. A longitude in float64
-# has 13 decimals.
-DECIMALS = (7, 9, 11, 13)
 
 # Significant digits of attributes: the precision of float32.
 _DIGITS = 7
@@ -65,7 +68,7 @@ class LonLatLayer(Layer):
         map are these: then edges are straight, and `points` show in which direction they go.
     mirrored : bool
         Whether what is counter-clockwise on the map is clockwise here.
-    decimals : int
+    decimals : Decimals
         Number of decimals to which coordinates are rounded.
     lift : callable, optional
         See `geomesh.formats.lonlat_heights.Lift`. None if there are no heights.
@@ -73,12 +76,19 @@ class LonLatLayer(Layer):
 
     follower: Follower | None
     mirrored: bool
-    decimals: int
+    decimals: Decimals
     lift: Lift | None = None
 
     @classmethod
-    def of(cls, mesh: TriangleMesh, name: LayerName) -> LonLatLayer:
+    def of(cls, mesh: TriangleMesh, name: LayerName, precision: int | None = None) -> LonLatLayer:
         """Return the layer `name` of a mesh.
+
+        Parameters
+        ----------
+        mesh : TriangleMesh
+        name : {"triangles", "edges", "nodes"}
+        precision : int, optional
+            Number of decimals: see `geomesh.formats.lonlat_precision.choose_decimals`.
 
         Raises
         ------
@@ -113,7 +123,7 @@ class LonLatLayer(Layer):
             None if layer.heights is None else _rounded(layer.heights),
             follower=follower,
             mirrored=_is_mirrored(mesh, to_lonlat),
-            decimals=enough_decimals(lonlat, mesh.triangles),
+            decimals=choose_decimals(lonlat, mesh.triangles, mesh.edges.nodes, follower, precision),
             lift=None if mesh.heights is None else Lift(crs, mesh.map_nodes, mesh.heights),
         )
 
@@ -128,7 +138,7 @@ class LonLatLayer(Layer):
         if self.geometry_type != "Polygon":
             beyond = (np.abs(xy[..., 1]) > 90).all(axis=1)
             xy[beyond, :, 1] = xy[beyond, :, 1].clip(-90, 90)
-        rounded = xy.round(self.decimals)
+        rounded = round_each(xy, self.decimals.nodes[nodes])
         special = (np.abs(rounded) > (180, 90)).any(axis=(1, 2))
         if self.geometry_type == "Polygon":
             special |= rounded[:, 0, 0] != rounded[:, -1, 0]
@@ -136,19 +146,19 @@ class LonLatLayer(Layer):
             special |= (np.diff(paths.offsets)[sides] > 0).any(axis=1)
         pieces = {}
         for row in np.flatnonzero(special).tolist():
-            path = xy[row]
+            path = rounded[row]
             if paths is not None:
-                path = paths.along(path, nodes[row], sides[row])
+                path = paths.along(path, nodes[row], sides[row], self.decimals.inner)
             if self.mirrored:
                 path = path[::-1]
-            pieces[row] = cut(path.round(self.decimals), self.geometry_type)
+            pieces[row] = cut(path, self.geometry_type)
             if self.lift is not None:
                 pieces[row] = self.lift(pieces[row], np.unique(nodes[row]))
         if self.heights is not None:
             rounded = np.concatenate([rounded, self.heights[nodes][..., None]], axis=-1)
         if self.geometry_type == "Polygon":
             # A side that is straight on the map may be a curve here: a sliver can flip over.
-            clockwise = _orientation(rounded[..., :2]) < 0
+            clockwise = orientation(rounded[..., :2]) < 0
             rounded[clockwise] = rounded[clockwise][:, ::-1]
         return binary(wkb(rounded, self.geometry_type), pieces)
 
@@ -187,19 +197,6 @@ def _rounded(values: NDArray[Any]) -> NDArray[Any]:
     scale = 10.0 ** np.clip(np.where(np.isfinite(places), places, 0), -300, 300)
     rounded: NDArray[np.float64] = np.rint(values * scale) / scale
     return rounded
-
-
-def enough_decimals(lonlat: Points, triangles: Triangles) -> int:
-    """Return the number of decimals with which no triangle collapses.
-
-    It is the smallest of 7, 9, 11 and 13 with which rounding neither flips a triangle nor
-    makes it flat.
-    """
-    before = _orientation(_short_way(lonlat[triangles]))
-    for places in DECIMALS:
-        if (_orientation(_short_way(lonlat.round(places)[triangles])) == before).all():
-            return places
-    return DECIMALS[-1]
 
 
 def crs_on_earth(mesh: TriangleMesh) -> CRS:
@@ -259,7 +256,7 @@ def _is_mirrored(mesh: TriangleMesh, to_lonlat: Callable[[Points], Points]) -> b
     a, b, _, d, e, _ = mesh.grid.transform[:6]
     steps = np.array([(0, 0), (a, d), (b, e)]) / 16
     corners = np.stack([to_lonlat(middle + step) for step in steps], axis=1)
-    turned = _orientation(_short_way(corners))
+    turned = orientation(short_way(corners))
     return bool(np.nansum(turned) < 0) != mesh.grid.flips
 
 
@@ -268,17 +265,3 @@ def _no_transformation(crs: CRS) -> GeoreferenceError:
         "GeoJSON needs longitude and latitude on Earth, but there is no transformation from "
         f"{crs.name!r} to them: write .gpkg"
     )
-
-
-def _short_way(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move the longitudes of (T, 3, 2) to within 180 degrees of the first corner, in place."""
-    lon = corners[..., 0]
-    lon -= whole_turns(lon - lon[:, :1])
-    return corners
-
-
-def _orientation(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return 1 if the first three corners are counter-clockwise, -1 if clockwise, else 0."""
-    (ax, ay), (bx, by) = (np.moveaxis(corners[:, k] - corners[:, 0], 1, 0) for k in (1, 2))
-    orientation: NDArray[np.float64] = np.sign(ax * by - ay * bx)
-    return orientation

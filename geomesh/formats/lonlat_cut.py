@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
+from geomesh.formats.format import MOST_DECIMALS
+
 if TYPE_CHECKING:
     from geomesh.arrays.types import Points
     from geomesh.formats.arrow import GeometryType
@@ -81,25 +83,25 @@ def _pieces(whole: Any) -> list[Any]:
 def _cut_out(whole: Any, origin: float) -> list[Any]:
     """Return the parts of a geometry within 180 degrees of a longitude, moved by it."""
     box = shapely.box(origin - 180, -90, origin + 180, 90)
+    cut_out = shapely.intersection(whole, box)
+    # Rounded, because 245.8 - 360 is not quite -114.2.
+    moved = shapely.transform(cut_out, lambda at: (at - [origin, 0.0]).round(MOST_DECIMALS))
     # A geometry that only touches the antimeridian leaves a line or a point there: drop it.
-    kind = shapely.get_dimensions(whole)
-    pieces = [
-        piece
-        for part in shapely.get_parts(shapely.intersection(whole, box))
-        for piece in shapely.get_parts(part)
-        if shapely.get_dimensions(piece) == kind and not piece.is_empty
-    ]
-    return list(shapely.transform(pieces, lambda at: at - np.array([origin, 0.0])))
+    return _parts(shapely.make_valid(moved), shapely.get_dimensions(whole))
+
+
+def _parts(geometry: Any, dimensions: int) -> list[Any]:
+    """Return the parts that have so many dimensions; a collection may hold multiples in turn."""
+    parts = shapely.get_parts(shapely.get_parts(geometry))
+    return list(parts[(shapely.get_dimensions(parts) == dimensions) & ~shapely.is_empty(parts)])
 
 
 def _valid(polygon: Any) -> Any:
     """Return a polygon whose sides do not cross: those of a sliver may, where they are curves."""
     if shapely.is_valid(polygon):
         return polygon
-    # A collection may hold multiples in turn.
-    parts = shapely.get_parts(shapely.get_parts(shapely.make_valid(polygon)))
-    kept = parts[shapely.get_dimensions(parts) == 2]
-    return shapely.MultiPolygon(list(kept)) if len(kept) else polygon
+    kept = _parts(shapely.make_valid(polygon), 2)
+    return shapely.MultiPolygon(kept) if kept else polygon
 
 
 def _joined(pieces: list[Any], geometry_type: GeometryType) -> bytes:

@@ -8,10 +8,11 @@ import numpy as np
 import shapely
 
 from geomesh.errors import GeoreferenceError
-from geomesh.formats.lonlat import DECIMALS, crs_on_earth, is_distorted, lonlat_of
+from geomesh.formats.lonlat import crs_on_earth, is_distorted, lonlat_of
 from geomesh.formats.lonlat_cut import cut
 from geomesh.formats.lonlat_paths import Follower, whole_turns
 from geomesh.formats.lonlat_poles import check_poles
+from geomesh.formats.lonlat_precision import DECIMALS
 from geomesh.raster.crs import is_lonlat
 
 if TYPE_CHECKING:

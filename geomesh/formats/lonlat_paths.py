@@ -61,7 +61,13 @@ class Paths:
     offsets: NDArray[np.int64]
     inner: Points
 
-    def along(self, corners: Points, nodes: NDArray[np.integer], sides: NDArray[np.intp]) -> Points:
+    def along(
+        self,
+        corners: Points,
+        nodes: NDArray[np.integer],
+        sides: NDArray[np.intp],
+        decimals: int,
+    ) -> Points:
         """Return a ring or line with the points between its corners.
 
         Parameters
@@ -71,6 +77,8 @@ class Paths:
         nodes : int (V,)
         sides : int (V - 1,)
             The edges between them.
+        decimals : int
+            To which the points between the corners are rounded.
         """
         parts = []
         for k, side in enumerate(sides.tolist()):
@@ -80,7 +88,7 @@ class Paths:
                 between = between[::-1]
                 origin += self.turn[side]
             shift = whole_turns(corners[k, 0] - origin)
-            parts += [corners[k : k + 1], between + np.array([shift, 0.0])]
+            parts += [corners[k : k + 1], (between + np.array([shift, 0.0])).round(decimals)]
         return np.vstack([*parts, corners[-1:]])
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
+from geomesh.formats.format import COMPRESSED
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -52,9 +53,16 @@ def find_format(path: str | PathLike[str], driver: str | None = None) -> Format:
             if known.driver.lower() == driver.lower():
                 return known
         raise OutputError(f"there is no vector format {driver!r}; choose from {', '.join(DRIVERS)}")
-    suffix = Path(path).suffix.lower()
+    extension = extension_of(path)
     for known in FORMATS:
-        if suffix in known.extensions:
+        if extension in known.extensions:
             return known
     usual = ", ".join(known.extensions[0] for known in FORMATS)
     raise OutputError(f"{path} has no extension that names a format; choose from {usual}")
+
+
+def extension_of(path: str | PathLike[str]) -> str:
+    """Return the extension of a file name, in lower case; of a compressed file, both parts."""
+    name = PurePath(path)
+    last = name.suffix.lower()
+    return PurePath(name.stem).suffix.lower() + last if last == COMPRESSED else last

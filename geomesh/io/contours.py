@@ -15,8 +15,9 @@ from geomesh._version import __version__
 from geomesh.errors import OutputError
 from geomesh.formats.crs_text import portable_wkt
 from geomesh.formats.document import KEY
+from geomesh.formats.gdal import gdal_name
 from geomesh.formats.geopackage import DATASET_OPTIONS, LAYER_OPTIONS
-from geomesh.formats.registry import find_format
+from geomesh.formats.registry import extension_of, find_format
 from geomesh.io.atomic import check_place, staged, writing_to
 from geomesh.io.layer import write_here
 from geomesh.parallel.progress import silent
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 _LAYER = "contours"
 _TYPE = "LineString Z"
-_EXTENSIONS = (".gpkg", ".geojson", ".fgb", ".parquet")
+_EXTENSIONS = (".gpkg", ".geojson", ".fgb", ".parquet", ".geojson.gz")
 
 # Lines that are encoded at once.
 _BATCH = 10_000
@@ -89,7 +90,7 @@ def write_contours(
     progress(0.5, f"Writing {len(lines):,} contours")
     stopped = Event()
     with (
-        staged(target, file_format.extensions[0], overwrite=overwrite) as temporary,
+        staged(target, file_format.extension_for(target), overwrite=overwrite) as temporary,
         # In another thread: a C library would turn Ctrl-C in its reading into another error.
         ThreadPoolExecutor(1, "geomesh-contours") as thread,
         writing_to(target, "pyogrio", "pyarrow", way_out="choose another format"),
@@ -105,8 +106,7 @@ def write_contours(
 
 
 def _find_format(path: str | PathLike[str]) -> Format:
-    suffix = Path(path).suffix.lower()
-    if suffix not in _EXTENSIONS:
+    if extension_of(path) not in _EXTENSIONS:
         raise OutputError(
             f"{path} has no extension of a format for contours; choose from "
             f"{', '.join(_EXTENSIONS)}"
@@ -193,7 +193,7 @@ def _write_by_gdal(
         rows.schema,
         rows.batches(),
         {
-            "path": str(path),
+            "path": gdal_name(path),
             "layer": _LAYER,
             "driver": driver,
             "geometry_name": file_format.geometry,

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from geomesh.errors import OutputError
+from geomesh.formats.names import choose_columns
 from geomesh.io.gdal_process import WriterPool, write_arrow
 
 if TYPE_CHECKING:
@@ -40,11 +41,13 @@ def write_layer(file: LayerFile, stream: BatchStream, writer_pool: WriterPool | 
     OSError
         If rows are missing in the file.
     OutputError
-        If the format cannot store one of the columns.
+        If there is no column that was asked for, or the format cannot store one.
     GeoreferenceError
         If the format is GeoJSON and the nodes have no longitude and latitude.
     """
-    layer = file.format.layer(file.mesh, file.name)
+    layer = file.format.layer(file.mesh, file.name, file.options)
+    if file.options.columns is not None:
+        layer = layer.with_columns(choose_columns(layer.columns, file.options.columns, file.name))
     _check_columns(layer, file.format)
     file.format.write(layer, file, stream, writer_pool.write if writer_pool else write_here)
     found = file.format.count_rows(file.path, file.name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
@@ -59,10 +58,11 @@ def check_output(
         If the format needs a library that is not installed.
     """
     file_format = find_format(path, driver)
-    for name, value in asdict(options).items():
-        if value is not None and name not in file_format.options:
-            able = [known.extensions[0] for known in FORMATS if name in known.options]
-            raise OutputError(f"`{name}` is for {' and '.join(able)}, not for {path}")
+    for name in options.given():
+        if name not in file_format.options:
+            *most, last = (known.extensions[0] for known in FORMATS if name in known.options)
+            able = f"{', '.join(most)} and {last}" if most else last
+            raise OutputError(f"`{name}` is for {able}, not for {path}")
     file_format.require()
     check_place(Path(path), overwrite=overwrite)
 
@@ -138,7 +138,7 @@ def open_writer(
     check_output(target, overwrite=overwrite, driver=driver, options=options)
     file_format = find_format(target, driver)
     names = file_format.choose_layers(layers)
-    with staged(target, file_format.extensions[0], overwrite=overwrite) as temporary:
+    with staged(target, file_format.extension_for(target), overwrite=overwrite) as temporary:
         writer = MeshWriter(target, temporary, names, file_format, options, writer_pool)
         try:
             yield writer
@@ -217,7 +217,7 @@ class MeshWriter:
         with ThreadPoolExecutor(1, "geomesh-certificate") as thread:
             certificate = thread.submit(mesh.certify).result()
         certificate.require()
-        document = build_document(mesh, certificate)
+        document = build_document(mesh, certificate, self._options)
         for name in self._names:
             self._start(mesh, name, document)
         self._await(len(mesh.nodes), len(mesh.triangles), progress)

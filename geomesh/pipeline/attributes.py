@@ -36,8 +36,16 @@ if TYPE_CHECKING:
     from geomesh.raster.scene import Scene
     from geomesh.recipe import Recipe
 
-# Number of columns of each layer without those of the bands.
-_OWN_COLUMNS: Mapping[LayerName, int] = MappingProxyType({"triangles": 13, "edges": 7, "nodes": 8})
+# Columns of each layer before those of the bands.
+_OWN_COLUMNS: Mapping[LayerName, tuple[str, ...]] = MappingProxyType(
+    {
+        "triangles": (
+            *("id", "n0", "n1", "n2", "area", "ab", "bc", "ca", "ki", "min_angle", "shape"),
+        ),
+        "edges": ("id", "n0", "n1", "left", "right", "length", "constrained"),
+        "nodes": ("id", "kind", "col", "row", "scale", "response", "octave", "angle"),
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,21 +177,24 @@ def _without_pixels(values: Floats, mesh: TriangleMesh, statistics: zonal.Statis
     return np.where(known[:, None], values, np.nan)
 
 
-def count_columns(layer: LayerName, scene: Scene, recipe: Recipe) -> int:
-    """Return the number of columns that a layer of the mesh will have."""
-    bands, shown = scene.classes.bands, len(scene.bands)
-    has_means = "mean" in recipe.statistics and scene.classes is scene
-    measured = {
-        "triangles": sum(len(columns.statistics_of(band, recipe.statistics)) for band in bands),
-        "edges": 0,
-        "nodes": len(bands),
-    }
-    if recipe.refine:
-        measured["triangles"] += 2 * shown + (recipe.model == "constant" and not has_means) * shown
-        measured["nodes"] += shown * (recipe.model == "linear" and scene.classes is not scene)
-    if recipe.z is not None:
-        measured["triangles"] += len(SLOPE_COLUMNS)
-    return _OWN_COLUMNS[layer] + measured[layer]
+def name_columns(layer: LayerName, scene: Scene, recipe: Recipe) -> list[str]:
+    """Return the names of the columns that a layer of the mesh will have, in order."""
+    own = [*_OWN_COLUMNS[layer]]
+    bands = scene.classes.bands
+    if layer == "edges":
+        return own
+    surface = [band.name for band in scene.bands] if recipe.refine else []
+    if layer == "nodes":
+        values = surface if recipe.model == "linear" else []
+        return list(dict.fromkeys([*own, *(band.name for band in bands), *values]))
+    mean = ("mean",) if recipe.model == "constant" else ()
+    errors = dict.fromkeys(surface, (*mean, "rmse", "max_error"))
+    own += [*(SLOPE_COLUMNS if recipe.z is not None else ()), "count"]
+    for band in bands:
+        measured = (*columns.statistics_of(band, recipe.statistics), *errors.pop(band.name, ()))
+        own += [f"{band.name}_{each}" for each in dict.fromkeys(measured)]
+    own += [f"{name}_{each}" for name, rest in errors.items() for each in rest]
+    return [*own, "color"]
 
 
 def _colors(means: Floats, scene: Scene, tone: Tone) -> NDArray[np.str_]:

@@ -12,7 +12,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from geomesh.errors import GeomeshError
-from geomesh.formats.document import WITH_HEIGHTS, describe_grid
+from geomesh.formats.document import OPTIONS, WITH_HEIGHTS, describe_grid
+from geomesh.formats.format import PLAIN, WriteOptions
 from geomesh.formats.registry import find_format
 from geomesh.mesh.provenance import Provenance, SourceRaster
 from geomesh.pipeline.mesh_scene import source_of
@@ -36,6 +37,7 @@ def find_made(
     *,
     layers: Iterable[LayerName] | None = None,
     driver: str | None = None,
+    options: WriteOptions = PLAIN,
 ) -> Made | str:
     """Return the counts and the warnings of a mesh file that need not be made again.
 
@@ -50,7 +52,7 @@ def find_made(
     recipe : Recipe
     breaklines : PixelLines, optional
         The breaklines that the mesh would have.
-    layers, driver
+    layers, driver, options
         As in `geomesh.io.write.write_mesh`.
     """
     file_format = find_format(path, driver)
@@ -66,6 +68,7 @@ def find_made(
         (made.recipe != recipe, "was made with another recipe"),
         (not is_same, f"was not made from the same pixels of {scene.name}"),
         (len(digests) > 1, "was made with other breaklines"),
+        (document.get(OPTIONS, {}) != options.given(), "was written with other options"),
     ):
         if differs:
             return how

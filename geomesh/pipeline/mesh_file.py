@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
+from geomesh.formats.names import choose_columns
 from geomesh.formats.registry import find_format
 from geomesh.io.write import check_output, open_writer
 from geomesh.parallel.deadline import deadline
 from geomesh.parallel.memory import trim_memory
 from geomesh.parallel.progress import Progress, part_of
 from geomesh.parallel.tiles import CORE
-from geomesh.pipeline.attributes import count_columns
+from geomesh.pipeline.attributes import name_columns
 from geomesh.pipeline.breaklines import read_breaklines
 from geomesh.pipeline.existing import find_made
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
@@ -69,7 +70,12 @@ def open_job(job: MeshJob) -> Scene | MeshSummary:
     if not keep:
         return scene
     lines = _read_breaklines(job, scene)
-    made = find_made(*(job.output, scene, job.recipe, lines), layers=job.layers, driver=job.driver)
+    made = find_made(
+        *(job.output, scene, job.recipe, lines),
+        layers=job.layers,
+        driver=job.driver,
+        options=job.options,
+    )
     if isinstance(made, str):
         if job.overwrite:
             return scene
@@ -122,14 +128,21 @@ def _read_breaklines(job: MeshJob, scene: Scene) -> PixelLines | None:
 
 
 def _require_room(job: MeshJob, scene: Scene) -> None:
-    """Raise OutputError if the format cannot store so many columns: before any pixel is read."""
+    """Raise OutputError if the format cannot store the columns: before any pixel is read.
+
+    So too if the user chose columns that the mesh will not have.
+    """
     file_format = find_format(job.output, job.driver)
     layers = file_format.choose_layers(job.layers)
     for name in layers:
-        columns = count_columns(name, scene, job.recipe)
+        names = name_columns(name, scene, job.recipe)
+        if job.options.columns is not None:
+            choose_columns(names, job.options.columns, name)
+            continue
+        columns = len(names)
         ways_out = ["choose fewer bands with `bidx`", "write .parquet"]
         fewest = job.recipe.with_values(statistics=("mean",))
-        if count_columns(name, scene, fewest) <= (file_format.most_columns or columns):
+        if len(name_columns(name, scene, fewest)) <= (file_format.most_columns or columns):
             ways_out.insert(0, "compute one statistic with `statistics=mean`")
         if len(layers) > 1 and job.layers is not None:
             ways_out[-1] += f" with `layers={name}`"
