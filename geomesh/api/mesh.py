@@ -52,6 +52,8 @@ class Mesh(TriangleMesh):
         driver: str | None = None,
         overwrite: bool = False,
         solid: float | None = None,
+        precision: int | None = None,
+        columns: Iterable[str] | None = None,
         progress: Callable[[float, str], None] | None = None,
     ) -> Path:
         """Write the mesh to a file; see `geomesh.io.write.write_mesh`.
@@ -67,17 +69,25 @@ class Mesh(TriangleMesh):
             Replace an existing file.
         solid : float, optional
             Of an STL file: write a closed solid with its base at this height.
+        precision : int, optional
+            Of GeoJSON: number of decimals of longitudes and latitudes, 0 to 13. Default: 7, and
+            more if a triangle would collapse. Nodes of triangles that would collapse have more.
+        columns : iterable of str, optional
+            Of GeoJSON, FlatGeobuf and GeoParquet: the only attributes to write, in this order;
+            an empty one for none. Default: all.
         progress : callable(fraction, message), optional
         """
         from geomesh.formats.format import WriteOptions
         from geomesh.io.write import write_mesh
 
+        columns = (columns,) if isinstance(columns, str) else columns
+        chosen = None if columns is None else tuple(columns)
         return write_mesh(
             *(self, path),
             layers=layers,
             driver=driver,
             overwrite=overwrite,
-            options=WriteOptions(solid),
+            options=WriteOptions(solid, precision, chosen),
             progress=progress,
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ from geomesh.cli.height_options import height_options
 from geomesh.cli.options import layer_options, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.streams import echo
+
+if TYPE_CHECKING:
+    from geomesh.formats.format import WriteOptions
 
 
 @click.command()
@@ -29,7 +32,7 @@ def convert(
     output: str,
     layers: tuple[Any, ...] | None,
     driver: str | None,
-    solid: float | None,
+    options: WriteOptions,
     z: int | str | None,
     z_factor: float | None,
     overwrite: bool,
@@ -40,20 +43,18 @@ def convert(
 
     \b
     Examples:
-      geomesh convert mesh.gpkg -o web.geojson
+      geomesh convert mesh.gpkg -o web.geojson.gz --precision 5 --columns color,area
       geomesh convert mesh.gpkg -o nodes.parquet --layers nodes
       geomesh convert mesh.gpkg -o mesh.nc     # UGRID, a mesh layer in QGIS
     """
     console = open_console(progress, quiet=as_json)
     console.start("convert", mesh_file)
     with guarded(console, debug) as failures, console.progress() as report:
-        from geomesh.formats.format import WriteOptions
         from geomesh.io.read import read_mesh
         from geomesh.io.write import check_output, write_mesh
         from geomesh.parallel.progress import part_of
 
         protect_inputs([output], [mesh_file])
-        options = WriteOptions(solid)
         check_output(output, overwrite=overwrite, driver=driver, options=options)
         report(0.0, "Reading the mesh")
         read = read_mesh(mesh_file)

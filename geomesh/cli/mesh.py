@@ -19,8 +19,7 @@ from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.recipe_options import build_recipe
 from geomesh.cli.streams import echo, printable
 from geomesh.errors import OutputError
-from geomesh.formats.format import WriteOptions
-from geomesh.formats.registry import EXTENSIONS, find_format
+from geomesh.formats.registry import EXTENSIONS, extension_of, find_format
 from geomesh.parameters import STATISTICS
 from geomesh.pipeline.jobs import MeshJob, MeshSummary
 
@@ -142,7 +141,6 @@ def _plan(
     output: str,
     reading: dict[str, Any],
     recipe_options: dict[str, Any],
-    solid: float | None,
     **writing: Any,
 ) -> _Plan:
     """Return one job for each source. Raise OutputError if an output would replace an input."""
@@ -153,7 +151,7 @@ def _plan(
         [*sources, reading["mask"], writing["breaklines"], recipe_options["recipe_file"]],
     )
     jobs = tuple(
-        MeshJob(source, path, recipe, reading=reading, options=WriteOptions(solid), **writing)
+        MeshJob(source, path, recipe, reading=reading, **writing)
         for source, path in zip(sources, paths, strict=True)
     )
     new_folder = folder if folder is not None and _make_folder(folder) else None
@@ -171,7 +169,7 @@ def _choose_outputs(
     folder = Path(output)
     if len(sources) == 1 and not output.endswith(("/", "\\")) and not os.path.isdir(folder):  # noqa: PTH112
         return [folder], None
-    if folder.suffix.lower() in EXTENSIONS and not folder.is_dir():
+    if extension_of(folder) in EXTENSIONS and not folder.is_dir():
         raise OutputError(f"{output} is the name of one file; for several rasters give a folder")
     if folder.exists() and not folder.is_dir():
         raise OutputError(

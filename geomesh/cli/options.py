@@ -11,8 +11,12 @@ import click
 from geomesh.cli.height_options import HEIGHT_OPTIONS
 from geomesh.cli.reading_options import READING, READING_OPTIONS
 from geomesh.cli.recipe_options import FEATURE_OPTIONS, GOAL_OPTIONS, RECIPE
+from geomesh.formats.format import MOST_DECIMALS, WriteOptions
 from geomesh.formats.registry import DRIVERS
 from geomesh.parameters import LAYERS
+
+# Options of which each is for some formats only: the fields of `WriteOptions`.
+_WRITE_OPTIONS = ("solid", "precision", "columns")
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -59,8 +63,35 @@ def raster_options(command: Callable[..., None]) -> Callable[..., None]:
     return decorated
 
 
-def layer_options(command: Command) -> Command:
-    """Add the options about the layers and the format of a mesh file."""
+def _column_names(
+    _ctx: click.Context, _param: click.Parameter, value: str | None
+) -> tuple[str, ...] | None:
+    """Parse the names of columns: separated by commas, in quotation marks if they have one."""
+    if value is None:
+        return None
+    import csv
+
+    names = next(csv.reader([value], skipinitialspace=True), [])
+    names = [name.strip() for name in names if name.strip()]
+    if names == ["none"]:
+        return ()
+    if not names:
+        raise click.BadParameter("name columns, separated by commas, or none")
+    return tuple(names)
+
+
+def layer_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options about the layers and the format of a mesh file.
+
+    The command gets those that only some formats know as one value: `options`, a `WriteOptions`.
+    """
+
+    @wraps(command)
+    def gathered(*arguments: Any, **options: Any) -> None:
+        chosen = WriteOptions(**{name: options.pop(name) for name in _WRITE_OPTIONS})
+        command(*arguments, options=chosen, **options)
+
+    decorated: Callable[..., None] = gathered
     for option in (
         click.option(
             "-f",
@@ -81,9 +112,23 @@ def layer_options(command: Command) -> Command:
             metavar="BASE",
             help="Of an STL file: a closed solid with its base at the height BASE, to print.",
         ),
+        click.option(
+            "--precision",
+            type=click.IntRange(0, MOST_DECIMALS),
+            metavar="N",
+            help="Of GeoJSON: number of decimals of longitudes and latitudes. 5 is about a metre. "
+            "Corners of triangles that would collapse have more. Default: 7.",
+        ),
+        click.option(
+            "--columns",
+            callback=_column_names,
+            metavar="NAME,...",
+            help="Of GeoJSON, FlatGeobuf and GeoParquet: the only attributes to write, such as "
+            "color,area; none: only the geometry. Default: all.",
+        ),
     ):
-        command = option(command)
-    return command
+        decorated = option(decorated)
+    return decorated
 
 
 def output_options(command: Command) -> Command:
