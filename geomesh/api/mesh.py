@@ -220,6 +220,43 @@ class Mesh(TriangleMesh):
 
         return render_file(self, source, path, **options)
 
+    def to_report(
+        self,
+        path: str | PathLike[str],
+        *,
+        source: Source | None = None,
+        title: str | None = None,
+        overwrite: bool = False,
+    ) -> Path:
+        """Write a page of HTML about the mesh, to read and to print, which loads nothing.
+
+        Parameters
+        ----------
+        path : path-like
+            A file .html.
+        source : path, rasterio dataset, xarray.DataArray, or (array, transform, crs), optional
+            The raster from which the mesh was made, to show beside the mesh and to measure its
+            errors. Default: the file that the mesh records, if it is there and has the same
+            pixels.
+        title : str, optional
+            Default: from the name of the raster.
+        overwrite : bool
+            Replace an existing file.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written; then an existing file does not change.
+        GeomeshError
+            If `source` cannot be read, or does not have the pixels of the mesh.
+        """
+        from pathlib import Path
+
+        from geomesh.view.report.write import write_report
+
+        write_report(self, path, source=source, title=title, overwrite=overwrite)
+        return Path(path)
+
     def contours(
         self,
         interval: float | None = None,

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
 
 # Longest and shortest side of a thumbnail, in pixels.
-_SIDES = (256, 8)
+_LONGEST = 256
+_SHORTEST = 8
 
 # Gray level of triangles without a colour; visible on a white and on a black page.
-_GRAY = 128
+GRAY = 128
 
 # Sides of triangles are drawn lighter by this share, if a triangle has at least this number
 # of pixels on average.
@@ -29,21 +30,27 @@ _EDGE = 0.35
 _ROOM = 48
 
 
-def thumbnail(mesh: TriangleMesh) -> NDArray[np.uint8]:
+def thumbnail(mesh: TriangleMesh, longest: int = _LONGEST) -> NDArray[np.uint8]:
     """Draw a mesh with the proportions of the map; y points up, unless it is a row number.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    longest : int
+        Longest side of the image, in pixels.
 
     Returns
     -------
     uint8 (h, w, 4)
         Red, green, blue and opacity; the opacity is 0 where there is no triangle.
     """
-    page, window = _on_page(mesh)
+    page, window = on_page(mesh, longest)
     owners = find_owners(page, mesh.triangles, window)
     drawn = owners != FILL
     image = np.zeros((*window.shape, 4), np.uint8)
     image[drawn, :3] = _colors(mesh, owners[drawn])
     image[drawn, 3] = 255
-    if drawn.sum() > _ROOM * len(mesh.triangles):
+    if has_room(image, len(mesh.triangles)):
         edge = np.zeros(window.shape, np.bool_)
         edge[:, 1:] |= owners[:, 1:] != owners[:, :-1]
         edge[1:] |= owners[1:] != owners[:-1]
@@ -52,14 +59,18 @@ def thumbnail(mesh: TriangleMesh) -> NDArray[np.uint8]:
     return image
 
 
-def _on_page(mesh: TriangleMesh) -> tuple[Points, Window]:
+def has_room(image: NDArray[np.uint8], triangles: int) -> bool:
+    """Return whether triangles are large enough in an image (h, w, 4) to show their sides."""
+    return bool(np.count_nonzero(image[..., 3]) > _ROOM * triangles)
+
+
+def on_page(mesh: TriangleMesh, longest: int = _LONGEST) -> tuple[Points, Window]:
     """Return the nodes in pixel coordinates of the thumbnail, and its window."""
     grid = mesh.grid
     west, south, east, north = grid.bounds()
     width, height = east - west, (north - south) * grid.aspect
-    longest, shortest = _SIDES
     scale = longest / max(width, height)
-    w, h = (max(round(side * scale), shortest) for side in (width, height))
+    w, h = (max(round(side * scale), _SHORTEST) for side in (width, height))
     x = (mesh.map_nodes[:, 0] - west) * (w / (east - west))
     down = mesh.map_nodes[:, 1] - south if grid.y_runs_down else north - mesh.map_nodes[:, 1]
     return np.column_stack([x, down * (h / (north - south))]), Window(0, 0, w, h)
@@ -67,5 +78,5 @@ def _on_page(mesh: TriangleMesh) -> tuple[Points, Window]:
 
 def _colors(mesh: TriangleMesh, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
     if "color" not in mesh.triangle_table or not len(triangles):
-        return np.full((len(triangles), 3), _GRAY, np.uint8)
-    return brightened(parse_colors(mesh.triangle_table["color"][triangles]))
+        return np.full((len(triangles), 3), GRAY, np.uint8)
+    return brightened(parse_colors(mesh.triangle_table["color"])[triangles])
