@@ -171,11 +171,7 @@ def _open(mesh: TriangleMesh, source: Source) -> tuple[Scene, bool]:
     except GeoreferenceError:
         if mesh.grid.crs is None:
             raise
-        try:
-            return open_original(mesh, source, crs=mesh.grid.crs), False
-        except GeomeshError:
-            pass
-        raise
+        return open_original(mesh, source, crs=mesh.grid.crs), False
 
 
 def _measure(

@@ -90,7 +90,6 @@ def count(
             high = max(high, limit[0])
         logarithmic = wide and low > 0 and high / low > _WIDE
         edges = np.geomspace(low, high, _BINS + 1) if logarithmic else _even(low, high)
-        edges[0], edges[-1] = low, max(high, edges[-1])  # not a rounding error inside
     counts, _ = np.histogram(finite, edges)
     median = float(np.median(finite)) if len(finite) else math.nan
     return Histogram(
@@ -108,7 +107,7 @@ def count(
 def _even(low: float, high: float) -> Floats:
     """Return limits of bins of equal width; of one value, around it."""
     edges = np.linspace(low, high, _BINS + 1)
-    if (np.diff(edges) > 0).all():
+    if (np.diff(edges) > 1e-9 * max(abs(low), abs(high))).all() and high > low:
         return edges
     around = max(abs(low), 1.0) / 2
     return np.linspace(low - around, low + around, _BINS + 1)

@@ -292,7 +292,7 @@ def _again(report: Report) -> Iterator[Markup]:
         yield el("pre", el("code", again.command))
     yield from _paragraphs(again.notes)
     if again.versions:
-        named = ", ".join(f"{name} {version}" for name, version in again.versions.items())
+        named = ", ".join(f"{name} {version}" for name, version in sorted(again.versions.items()))
         yield el("p", f"Versions: {named}.")
 
 
