@@ -89,6 +89,41 @@ def test_measures_in_map_units(mesh, processing, tmp_path):
         )
 
 
+def test_the_page_about_a_mesh_is_an_output_to_open(provider, mesh, processing, tmp_path):
+    outputs = {
+        each.name(): each.type() for each in provider.algorithm("meshquality").outputDefinitions()
+    }
+    assert outputs["PAGE"] == outputs["REPORT"] == "outputHtml"  # shown in the results viewer
+    page = tmp_path / "page é.html"
+    made = processing.run(
+        "geomesh:meshquality",
+        {
+            "INPUT": mesh["OUTPUT"],
+            "OUTPUT": str(tmp_path / "measured.fgb"),
+            "PAGE": str(page),
+        },
+    )
+    assert made["PAGE"] == str(page)
+    text = page.read_text(encoding="utf-8")
+    assert "Certified: all" in text
+    assert f"{mesh['TRIANGLE_COUNT']:,} triangles" in text
+    assert f"{made['MIN_ANGLE']:.2f}°" in text
+    # The raster of the mesh was found: the image is beside it.
+    assert text.count("data:image/png;base64,") == 5
+
+
+def test_a_page_with_another_name_is_refused(provider, mesh, tmp_path):
+    given = {
+        "INPUT": mesh["OUTPUT"],
+        "OUTPUT": str(tmp_path / "measured.gpkg"),
+        "PAGE": str(tmp_path / "page.txt"),
+    }
+    algorithm = provider.algorithm("meshquality").create()
+    passed, reason = algorithm.checkParameterValues(given, QgsProcessingContext())
+    assert not passed
+    assert "does not end in .html" in reason
+
+
 def test_other_layers_are_refused(provider, tmp_path, project):
     layer = QgsVectorLayer("Polygon?crs=EPSG:4326", "any", "memory")
     project.addMapLayer(layer)

@@ -25,6 +25,9 @@ from .base import GeomeshAlgorithm
 
 SPACES = ("image", "map")
 
+# Share of the progress that measuring has, if a page is made too.
+_SHARE = 0.6
+
 
 class MeshQuality(GeomeshAlgorithm):
     """Computes quality measures of the triangles of a mesh."""
@@ -35,7 +38,9 @@ class MeshQuality(GeomeshAlgorithm):
     TAGS = ("triangles", "Ki", "angle", "aspect ratio", "shape", "measure", "statistics")
     SUMMARY = "Measures every triangle of a mesh: the paper's Ki and the standard quality measures."
     HELP = """
-<p>The output has one field for each measure. The report in the results viewer shows a summary.</p>
+<p>The output has one field for each measure. The quality report in the results viewer shows a
+summary. The page, also in the results viewer, shows all about the mesh, to read and to print: a map
+with the worst triangles, the image beside the mesh, the certificate in words, and the recipe.</p>
 <p><b>Mesh</b>: any layer of a GeoPackage that <i>Raster to mesh</i> has written.<br/>
 <b>Unit of lengths</b>: pixels of the image, or map units. With map units, there is a second set of
 fields, whose names begin with <i>map_</i>.</p>
@@ -63,6 +68,11 @@ fields, whose names begin with <i>map_</i>.</p>
                 "REPORT", "Quality report", "HTML files (*.html)", None, True
             )
         )
+        self.addParameter(
+            QgsProcessingParameterFileDestination(
+                "PAGE", "Page about the mesh, to print", "HTML files (*.html)", None, True
+            )
+        )
         self.addOutput(QgsProcessingOutputNumber("KI_MEAN", "Mean Ki"))
         self.addOutput(QgsProcessingOutputNumber("MIN_ANGLE", "Smallest angle (degrees)"))
 
@@ -74,9 +84,17 @@ fields, whose names begin with <i>map_</i>.</p>
                 "The layer is not from a GeoPackage that Raster to mesh has written: choose a "
                 "layer of such a file."
             )
-        return self.find_mesh_output_fault(
-            parameters, context, [path]
-        ) or self.find_file_output_fault("REPORT", parameters, context, [path])
+        return (
+            self.find_mesh_output_fault(parameters, context, [path])
+            or self.find_file_output_fault("REPORT", parameters, context, [path])
+            or self._find_page_fault(parameters, context, path)
+        )
+
+    def _find_page_fault(self, parameters: dict, context: QgsProcessingContext, path: str) -> str:
+        page = self.parameterAsFileOutput(parameters, "PAGE", QgsProcessingContext())
+        if page and not page.lower().endswith((".html", ".htm")):
+            return f"{page} does not end in .html: the page is an HTML file."
+        return self.find_file_output_fault("PAGE", parameters, context, [path])
 
     def prepareAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
@@ -94,19 +112,23 @@ fields, whose names begin with <i>map_</i>.</p>
     def processAlgorithm(
         self, parameters: dict, context: QgsProcessingContext, feedback: QgsProcessingFeedback
     ) -> dict:
-        """Compute the measures. Write the fields and the report."""
+        """Compute the measures. Write the fields, the report and the page."""
         output = self.parameterAsOutputLayer(parameters, "OUTPUT", context)
         report = self.parameterAsFileOutput(parameters, "REPORT", context)
+        page = self.parameterAsFileOutput(parameters, "PAGE", context)
         space = SPACES[self.parameterAsEnum(parameters, "SPACE", context)]
         with tempfile.TemporaryDirectory(prefix="geomesh-") as folder:
             whole = is_geopackage(output)
             stored = output if whole else str(Path(folder) / "mesh.gpkg")
-            share = 1 if whole else 0.8
+            measured = _SHARE if page else 1
+            share = measured if whole else 0.8 * measured
             summary = self.run_geomesh(
                 ["quality", "--space", space, "--", self._path], feedback, stored, (0, share)
             )
             if not whole:
-                self.run_geomesh(["convert", "--", stored], feedback, output, (share, 1))
+                self.run_geomesh(["convert", "--", stored], feedback, output, (share, measured))
+            if page:
+                self.run_geomesh(["report", "--", self._path], feedback, page, (measured, 1))
             about = read_document(stored)
         uri = layer_uri(output, "triangles")
         dress_vector_layer(uri, "quality")
@@ -129,4 +151,6 @@ fields, whose names begin with <i>map_</i>.</p>
             unit = "pixels" if space == "image" else "map units"
             save_report(quality_report(name, summary, unit), report)
             found["REPORT"] = report
+        if page:
+            found["PAGE"] = page
         return found
