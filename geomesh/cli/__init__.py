@@ -20,6 +20,7 @@ from geomesh.cli.info import info
 from geomesh.cli.mesh import mesh
 from geomesh.cli.quality import quality
 from geomesh.cli.render import render
+from geomesh.cli.report import report
 from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
 from geomesh.cli.streams import tell_of_lost_output, unfailing_streams
@@ -98,6 +99,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh stages scene.tif -o stages.png
       geomesh quality mesh.gpkg
       geomesh render mesh.gpkg --like scene.tif -o painted.tif
+      geomesh report mesh.gpkg -o report.html
       geomesh evaluate scenes/ -o table1.csv
       geomesh convert mesh.gpkg -o web.geojson
       geomesh contours mesh.gpkg -o contours.gpkg --interval 10
@@ -110,7 +112,6 @@ def cli(ctx: click.Context, debug: bool) -> None:
 
 
 for command in (
-    *(mesh, stages, quality, render, evaluate, info, convert, contours, volume),
-    *(view,),
+    *(mesh, stages, quality, render, report, view, evaluate, info, convert, contours, volume),
 ):
     cli.add_command(command)
