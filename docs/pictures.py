@@ -53,6 +53,9 @@ def main() -> None:
     import terrain_pictures
 
     terrain_pictures.main()
+    import report_pictures
+
+    report_pictures.main()
 
 
 def draw_hero() -> None:
