@@ -350,6 +350,23 @@ def test_places_are_where_they_are(place, tmp_path):
     assert max(np.abs(away).max(), np.abs(found[1] - lat).max()) < shown
 
 
+def test_a_dem_with_heights_is_shown_by_height(tmp_path):
+    mesh = geomesh.mesh_raster(COLORADO, nodes=200, z=1, z_factor=2)
+    page = page_of(mesh, tmp_path, columns=[])
+    (about,) = page.head["meshes"]
+    assert about["height"] == {"key": "b1", "metres": 2.0}
+    assert page.head["column"] == "b1"
+    of_nodes, _ = page.ids()
+    column, values, _ = page.column("b1")
+    expected = mesh.node_table["b1"][of_nodes]
+    np.testing.assert_allclose(values, expected, rtol=0, atol=column["step"] / 2 * 1.001)
+    assert page_of(mesh, tmp_path, column="color").head["column"] == ""
+    feet = geomesh.mesh_raster(COLORADO, nodes=200, preset="features", z=1)
+    column, _, _ = page_of(feet, tmp_path).column("b1")
+    assert column["at"] == "nodes"
+    assert column["unit"] == "m"
+
+
 def test_two_meshes_lie_on_one_lattice(olinda_mesh, tmp_path):
     part = geomesh.mesh_raster(OLINDA, nodes=200, bounds=(290000, 9112000, 294000, 9116000))
     page = page_of(olinda_mesh, tmp_path, other=part)

@@ -308,7 +308,7 @@ class Mesh(TriangleMesh):
         path: str | PathLike[str],
         *,
         other: Mesh | None = None,
-        column: str = "color",
+        column: str | None = None,
         columns: Iterable[str] | None = None,
         title: str | None = None,
         basemap: str | None = None,
@@ -324,9 +324,9 @@ class Mesh(TriangleMesh):
             Named .html.
         other : Mesh, optional
             A second mesh in the same CRS, on the right side of a swipe.
-        column : str
+        column : str, optional
             The attribute that is shown first: "color" (the colours of the image), or a column of
-            ``mesh.attributes("triangles")``.
+            ``mesh.attributes("triangles")``. Default: the colours, or the heights of a DEM.
         columns : iterable of str, optional
             Attributes in the page. Default: all of a mesh with up to 200,000 triangles; of a
             larger one the number of pixels, the means and the classes. Measures of shape are
@@ -358,7 +358,7 @@ class Mesh(TriangleMesh):
 
     def explore(
         self,
-        column: str = "color",
+        column: str | None = None,
         *,
         other: Mesh | None = None,
         columns: Iterable[str] | None = None,

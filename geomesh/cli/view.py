@@ -28,9 +28,9 @@ def _names(_ctx: click.Context, _param: click.Parameter, value: str | None) -> A
 @click.option("-o", "--output", required=True, metavar="OUT", help="Web page (.html) to write.")
 @click.option(
     "--column",
-    default="color",
     metavar="COLUMN",
-    help="Attribute of the triangles that is shown first. Default: the colours of the image.",
+    help="Attribute of the triangles that is shown first, or color. Default: the colours of the "
+    "image, or the heights of a DEM (meshed with --z).",
 )
 @click.option(
     "--columns",
@@ -60,7 +60,7 @@ def view(
     /,
     mesh_files: tuple[str, ...],
     output: str,
-    column: str,
+    column: str | None,
     columns: tuple[str, ...] | None,
     title: str | None,
     basemap: str | None,

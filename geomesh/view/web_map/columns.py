@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geomesh.errors import GeomeshWarning, OutputError
+from geomesh.mesh.height import short_unit
 from geomesh.raster.crs import has_angles
 
 if TYPE_CHECKING:
@@ -183,16 +184,19 @@ def encode_columns(mesh: TriangleMesh, names: Sequence[str]) -> list[Column]:
 
 
 def surface_bands(mesh: TriangleMesh) -> tuple[str, ...]:
-    """Return the names of the bands of a refined linear surface, which has values at nodes."""
+    """Return the bands with values at the nodes: of a refined linear surface, and the height."""
     refinement = None if mesh.provenance is None else mesh.provenance.refinement
-    if refinement is None or refinement.model != "linear":
-        return ()
-    return tuple(band.name for band in refinement.bands if band.name in mesh.node_table)
+    refined = refinement is not None and refinement.model == "linear"
+    names = [band.name for band in refinement.bands] if refinement is not None and refined else []
+    names += [] if mesh.height is None else [mesh.height.band]
+    return tuple(name for name in dict.fromkeys(names) if name in mesh.node_table)
 
 
 def surface_column(mesh: TriangleMesh, band: str) -> Column:
     """Return the values of a band at the nodes."""
-    unit = _band_units(mesh).get(band, "")
+    unit, height = _band_units(mesh).get(band, ""), mesh.height
+    if not unit and height is not None and height.band == band and height.factor == 1:
+        unit = short_unit(height.unit)
     column = _numbers(band, "nodes", mesh.node_table[band], unit)
     taken = band in mesh.attributes("triangles")
     return replace(column, key=f"{band} at nodes" if taken else band)

@@ -102,6 +102,7 @@ def pack_mesh(mesh: TriangleMesh, grid: Grid, name: str, columns: Sequence[str])
         "breaklines": breaklines,
         "colored": not bare,
         "surface": surface is not None,
+        "height": _height(mesh, chosen),
         "gain": brightening(colors),
         "columns": [column.head() for column in chosen],
         "measured": list(measured_columns(mesh)),
@@ -127,6 +128,15 @@ def surface_colors(mesh: TriangleMesh) -> NDArray[np.uint8] | None:
         scaled = (values - black) * (255 / (white - black)) if white > black else values * 0
         levels.append(np.rint(np.clip(np.nan_to_num(scaled), 0, 255)))
     return np.stack(levels, axis=1).astype(np.uint8)
+
+
+def _height(mesh: TriangleMesh, columns: Sequence[Column]) -> dict[str, Any] | None:
+    """Return which column of the nodes is their height, and what its values are in metres."""
+    if mesh.height is None:
+        return None
+    keys = [each.key for each in columns if each.at == "nodes" and each.name == mesh.height.band]
+    metres = mesh.height.factor * mesh.height.metres
+    return {"key": keys[0], "metres": metres} if keys else None
 
 
 def _nearer(mesh: TriangleMesh, column: Column) -> Column:

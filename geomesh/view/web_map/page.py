@@ -33,7 +33,7 @@ MOST_TRIANGLES = 3_000_000
 # The parts of the program, each using those before it.
 _SCRIPTS = (
     *("codec", "mesh", "columns", "gl", "shaders", "view", "painter", "basemap", "screen"),
-    *("input", "panel", "main"),
+    *("relief", "input", "panel", "main"),
 )
 
 # Ramps of which equal steps look equal. The last one, for directions, ends as it begins.
@@ -54,8 +54,9 @@ class MapOptions:
 
     Parameters
     ----------
-    column : str
-        The attribute that is shown first; "color" are the colours of the image.
+    column : str, optional
+        The attribute that is shown first; "color" are the colours of the image. Default: these,
+        or the heights of a mesh of one band that has heights.
     columns : iterable of str, optional
         Attributes in the page; see `geomesh.view.web_map.columns.choose_columns`.
     title : str, optional
@@ -65,7 +66,7 @@ class MapOptions:
         turns the base map on.
     """
 
-    column: str = _COLOR
+    column: str | None = None
     columns: Iterable[str] | None = None
     title: str | None = None
     basemap: str | None = None
@@ -117,7 +118,7 @@ def build_page(
         "meshes": [data.head for data in packed],
         "image": None if image is None else image.head(),
         "basemap": options.basemap,
-        "column": "" if options.column == _COLOR else options.column,
+        "column": _first_column(first, options.column, packed[0].head),
         "ramps": _ramps(),
     }
     later = _named([data.later for data in packed])
@@ -147,8 +148,18 @@ def require_fit(meshes: Sequence[TriangleMesh]) -> None:
 def _columns_of(mesh: TriangleMesh, options: MapOptions) -> list[str]:
     """Return the columns that the page needs: those asked for, and the one shown first."""
     chosen = choose_columns(mesh, options.columns)
-    shown = [] if options.column == _COLOR else choose_columns(mesh, [options.column])
-    return list(dict.fromkeys([*chosen, *shown]))
+    shown = [] if options.column in (None, _COLOR) else choose_columns(mesh, options.column)
+    heights = [] if mesh.height is None else [mesh.height.band]
+    return list(dict.fromkeys([*chosen, *shown, *heights]))
+
+
+def _first_column(mesh: TriangleMesh, name: str | None, head: dict[str, Any]) -> str:
+    """Return the key of the column that is shown first; empty for the colours."""
+    if name is not None:
+        return "" if name == _COLOR else name
+    shown = None if mesh.provenance is None else mesh.provenance.display
+    is_terrain = shown is not None and mesh.height is not None and len(set(shown.bands)) == 1
+    return head["height"]["key"] if is_terrain and head["height"] else ""
 
 
 def _fill(title: str, head: dict[str, Any], blocks: dict[str, str], basemap: str | None) -> str:

@@ -1,5 +1,6 @@
 /* Puts everything together: reads the mesh, keeps the state, draws frames, follows the address. */
 const REST = 130; // milliseconds after the last move until a slow GPU draws anew
+const SWITCHES = ["edges", "nodes", "breaklines", "smooth", "relief", "bright"];
 const QUICK = 60; // milliseconds: a GPU that draws a picture in less draws it in every frame
 
 class App {
@@ -8,7 +9,7 @@ class App {
     this.frame = head.frame;
     this.canvas = $("map");
     this.times = { start: performance.now() };
-    this.style = { edges: false, nodes: false, breaklines: false, smooth: true, bright: true, byValue: false };
+    this.style = { edges: false, nodes: false, breaklines: false, smooth: true, relief: true, bright: true, byValue: false };
     this.split = 0.5;
     this.column = "";
     this.chosen = null;
@@ -62,6 +63,7 @@ class App {
     for (const name of Object.keys(this.ramps)) $("ramps").add(new Option(name, name));
     $("lines").textContent = meshes.some((mesh) => mesh.about.breaklines) ? "breaklines" : "outline";
     $("smooth").parentElement.hidden = !meshes.some((mesh) => mesh.surface);
+    $("relief").parentElement.hidden = !meshes.some((mesh) => mesh.about.height);
     $("bright").parentElement.hidden = !meshes.some((mesh) => mesh.about.gain > 1.02);
     $("basemap").parentElement.hidden = !(head.basemap && frame.mercator);
     if (innerWidth <= 620) $("panel").open = false;
@@ -82,7 +84,7 @@ class App {
     });
     listenToSwipe($("swipe"), (split) => this.swipe(split));
     $("column").addEventListener("change", (event) => this.setColumn(event.target.value));
-    for (const name of ["edges", "nodes", "breaklines", "smooth", "bright"]) {
+    for (const name of SWITCHES) {
       $(name).addEventListener("change", () => this.restyle());
     }
     $("basemap").addEventListener("change", () => this.setBasemap());
@@ -124,8 +126,11 @@ class App {
   }
 
   async applyStyle() {
-    for (const name of ["edges", "nodes", "breaklines", "smooth", "bright"]) this.style[name] = $(name).checked;
-    await Promise.all(this.painters.map((painter) => painter.prepareLines(this.style)));
+    for (const name of SWITCHES) this.style[name] = $(name).checked;
+    await Promise.all(this.painters.flatMap((painter) => [
+      painter.prepareLines(this.style),
+      this.style.relief && painter.prepareRelief(this.view),
+    ]));
     const column = this.shownColumn();
     if (column) showLegend(this.style, column);
     this.painters.forEach((painter) => painter.restyle());
@@ -197,8 +202,8 @@ class App {
 
   hover(px, py) {
     const [x, y] = this.view.toLattice(px, py), painter = this.painterAt(px), column = painter?.column;
-    const t = painter && column?.at === "triangles" ? painter.mesh.find(x, y) : -1;
-    const value = t >= 0 ? valueAt(column, t) : null;
+    const t = column ? painter.mesh.find(x, y) : -1;
+    const value = t < 0 ? null : column.at === "nodes" ? painter.mesh.between(column, t, x, y) : valueAt(column, t);
     const told = value === null ? "" : `${column.name} ${withUnit(typeof value === "string" ? value : format(value), column.unit)}`;
     showPlace(this.frame, this.view, x, y, told);
   }

@@ -75,6 +75,16 @@ class Mesh {
     return -1;
   }
 
+  /** Return the value of a column of nodes at a place in a triangle; null if a corner has none. */
+  between(column, t, px, py) {
+    const { x, y } = this, [i, j, k] = this.corners.subarray(3 * t, 3 * t + 3);
+    const all = (x[j] - x[i]) * (y[k] - y[i]) - (y[j] - y[i]) * (x[k] - x[i]);
+    const ofJ = ((px - x[i]) * (y[k] - y[i]) - (py - y[i]) * (x[k] - x[i])) / all;
+    const ofK = ((x[j] - x[i]) * (py - y[i]) - (y[j] - y[i]) * (px - x[i])) / all;
+    const [a, b, c] = [i, j, k].map((node) => valueAt(column, node));
+    return a === null || b === null || c === null ? null : a + (b - a) * ofJ + (c - a) * ofK;
+  }
+
   /** Return the measures of a triangle that follow from its corners. */
   measure(t) {
     const { corners, x, y, about } = this, [a, b, d, e] = about.plane;

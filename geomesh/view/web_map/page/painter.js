@@ -83,6 +83,16 @@ class Painter {
     this.codes = makeBuffer(gl, codes);
   }
 
+  /** Work out how light falls on the surface, if it has heights. */
+  async prepareRelief(view) {
+    const { height } = this.mesh.about;
+    if (!height || this.light) return;
+    const column = await readColumn(this.mesh, height.key), heights = new Float64Array(this.mesh.about.nodes);
+    for (let node = 0; node < heights.length; node++) heights[node] = (valueAt(column, node) ?? NaN) * height.metres;
+    const light = lightOf(this.mesh, view, heights);
+    this.light = makeBuffer(this.gl, Uint8Array.from(this.nodes, (node) => light[node]));
+  }
+
   async prepareLines(wanted) {
     const { gl, mesh } = this;
     const ends = (pairs) => {
@@ -233,9 +243,18 @@ class Painter {
     } else {
       gl.vertexAttribI4ui(2, NULL, 0, 0, 0); // a mesh without this column
     }
+    if (this.light && style.relief && (!column || column.key === mesh.about.height.key)) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.light);
+      gl.enableVertexAttribArray(3);
+      gl.vertexAttribPointer(3, 1, gl.UNSIGNED_BYTE, true, 0, 0);
+      gl.uniform1f(uniforms.brightness, 255 / FLAT);
+    } else {
+      gl.vertexAttrib1f(3, 1);
+      gl.uniform1f(uniforms.brightness, 1);
+    }
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.index);
     for (const [from, to] of runs) gl.drawElements(gl.TRIANGLES, 3 * (to - from), gl.UNSIGNED_INT, 12 * from);
-    for (const place of [0, 1, 2]) gl.disableVertexAttribArray(place);
+    for (const place of [0, 1, 2, 3]) gl.disableVertexAttribArray(place);
   }
 
   /** Draw edges, outline, breaklines and nodes over the triangles. */

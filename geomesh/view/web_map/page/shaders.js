@@ -7,15 +7,18 @@ vec2 placed(ivec2 step) { return turn * (vec2(step - origin) - rest); }`;
 /** Triangles in colours or by value, one for each triangle ("flat") or between nodes ("smooth"). */
 const trianglesVertex = (how) => `${PLACE}
 layout(location=0) in ivec2 step; layout(location=1) in vec4 color; layout(location=2) in uint code;
+layout(location=3) in float light;
 uniform bool byValue; uniform vec2 cut;
-${how} out vec3 shade; ${how} out vec2 value;
+${how} out vec3 shade; ${how} out vec2 value; out float lit;
 void main() {
   gl_Position = vec4(placed(step), 0, 1);
   shade = color.rgb;
+  lit = light;
   value = byValue ? vec2((float(code) - cut.x) * cut.y, code == 65535u) : vec2(0);
 }`;
 const trianglesFragment = (how) => `
-${how} in vec3 shade; ${how} in vec2 value; uniform bool byValue; uniform float gain; uniform int classes;
+${how} in vec3 shade; ${how} in vec2 value; in float lit; uniform bool byValue; uniform float gain, brightness;
+uniform int classes;
 uniform highp sampler2D ramp; out vec4 result;
 void main() {
   vec3 color = min(shade * gain, 1.);
@@ -23,7 +26,7 @@ void main() {
     int place = classes > 0 ? int(value.x + .5) % classes : int(clamp(value.x, 0., 255.));
     color = value.y > 0. ? vec3(.6) : texelFetch(ramp, ivec2(place, 0), 0).rgb;
   }
-  result = vec4(color, 1);
+  result = vec4(min(color * lit * brightness, 1.), 1);
 }`;
 
 /** Lines of a width in device pixels: a strip of four corners for each pair of ends. */
