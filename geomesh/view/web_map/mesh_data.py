@@ -103,7 +103,7 @@ def pack_mesh(mesh: TriangleMesh, grid: Grid, name: str, columns: Sequence[str])
         "colored": not bare,
         "surface": surface is not None,
         "height": _height(mesh, chosen),
-        "gain": brightening(colors),
+        "gain": 1.0 if bare else brightening(colors),
         "columns": [column.head() for column in chosen],
         "measured": list(measured_columns(mesh)),
         **_measures(mesh, grid),
