@@ -59,6 +59,7 @@ CHROMIUM = [
     "--metrics-recording-only",
     "--no-pings",
     "--gaia-url=http://127.0.0.1:9",
+    "--component-updater=url-source=http://127.0.0.1:9/",
     "--password-store=basic",
     "--disable-dev-shm-usage",
     "--force-color-profile=srgb",
