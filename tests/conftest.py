@@ -18,10 +18,13 @@ from support.browser_process import NAMES
 from support.commands import Geomesh, Run
 from support.files import mounted
 from support.samples import OLINDA, SAMPLES
+from support.web_map import MapPage
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
+
+    from geomesh import Mesh
 
 # No deadline: shared machines have no reliable timing, and the first call of a kernel compiles it.
 settings.register_profile(
@@ -87,6 +90,22 @@ def browser(started_browser: Browser) -> Browser:
     """Chromium, then Firefox, with an empty page of 800 x 600 pixels. Starting takes seconds."""
     started_browser.new_page(800, 600)
     return started_browser
+
+
+@pytest.fixture
+def show_map(browser: Browser, tmp_path: Path) -> Iterator[Callable[..., MapPage]]:
+    """Writes a mesh as a web map and opens it: takes the options of `Mesh.to_html`.
+
+    At the end of the test, the page must have asked for nothing and had no error.
+    """
+
+    def show(mesh: Mesh, **options: Any) -> MapPage:
+        path = mesh.to_html(tmp_path / "map.html", overwrite=True, **options)
+        return MapPage(browser, path, mesh)
+
+    yield show
+    assert browser.errors == browser.console == browser.outside == []
+    assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
 
 
 @pytest.fixture
