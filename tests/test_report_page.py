@@ -28,11 +28,12 @@ from geomesh import Mesh
 from geomesh.arrays.table import Table
 from geomesh.cli import cli
 from geomesh.errors import GeomeshWarning, GeoreferenceError, OutputError
+from geomesh.features.gray import Tone
 from geomesh.mesh.certificate import DomainFacts
 from geomesh.mesh.provenance import PixelCounts
+from geomesh.view.report.beside import busiest
 from geomesh.view.report.charts import log_ticks, nice_ticks
 from geomesh.view.report.histograms import count
-from geomesh.view.report.pictures import busiest
 from geomesh.view.report.relief import find_scale, shaded
 from geomesh.view.report.statements import in_words
 from geomesh.view.report.write import write_report
@@ -629,6 +630,38 @@ def test_values_that_are_not_numbers(bounded: Mesh, tmp_path: Path) -> None:
     assert "No triangle has a value." in page.text
     dropped = replace(bounded, triangle_table=Table({}))
     assert "No triangle has a value" not in report_of(dropped, tmp_path).text
+
+
+def test_a_column_named_color_that_has_none(tmp_path: Path) -> None:
+    mesh = frame_mesh(GEOREFERENCES["north-up"])
+    for column in (np.full(len(mesh.triangles), "red"), np.arange(len(mesh.triangles))):
+        odd = replace(mesh, triangle_table=mesh.triangle_table.with_columns({"color": column}))
+        assert "has no colours" in report_of(odd, tmp_path).text
+
+
+def test_depths_are_shaded_as_the_surface_they_are(tmp_path: Path) -> None:
+    _, image, *_ = pictures(report_of(mesh_of(DEM, nodes=300, z=1), tmp_path))
+    _, turned, *_ = pictures(report_of(mesh_of(DEM, nodes=300, z=1, z_factor=-1.0), tmp_path))
+    # What is lit in one is in the shade in the other.
+    one, other = (picture_[..., :3].mean(axis=-1).ravel() for picture_ in (image, turned))
+    assert np.corrcoef(one, other)[0, 1] < -0.5
+
+
+def test_only_the_bands_that_are_shown_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = mesh_of(SAMPLES / "olinda_landsat7_6band_uint8.tif", nodes=200)
+    wanted = geomesh.raster.open_scene(SAMPLES / "olinda_landsat7_6band_uint8.tif").display
+    shown = []
+    displayed = Tone.display
+
+    def display(self: Tone, values: np.ndarray) -> np.ndarray:
+        shown.append(len(values))
+        return displayed(self, values)
+
+    monkeypatch.setattr(Tone, "display", display)
+    report_of(mesh, tmp_path)
+    assert shown == [len(set(wanted))] * 4
 
 
 def test_a_raster_with_nodata_is_transparent_where_there_is_none(tmp_path: Path) -> None:

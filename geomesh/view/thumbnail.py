@@ -76,7 +76,18 @@ def on_page(mesh: TriangleMesh, longest: int = _LONGEST) -> tuple[Points, Window
     return np.column_stack([x, down * (h / (north - south))]), Window(0, 0, w, h)
 
 
+def colors_of(mesh: TriangleMesh) -> NDArray[np.uint8] | None:
+    """Return red, green and blue (T, 3) of the triangles; None if the mesh has no colours."""
+    if "color" not in mesh.triangle_table:
+        return None
+    try:
+        return parse_colors(mesh.triangle_table["color"])
+    except ValueError:  # a column of this name with something else
+        return None
+
+
 def _colors(mesh: TriangleMesh, triangles: NDArray[np.int32]) -> NDArray[np.uint8]:
-    if "color" not in mesh.triangle_table or not len(triangles):
+    colors = colors_of(mesh)
+    if colors is None or not len(triangles):
         return np.full((len(triangles), 3), GRAY, np.uint8)
-    return brightened(parse_colors(mesh.triangle_table["color"])[triangles])
+    return brightened(colors[triangles])

@@ -11,16 +11,18 @@ from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.crs import crs_label
 from geomesh.view.report.again import how_again
+from geomesh.view.report.beside import pairs
 from geomesh.view.report.content import Figure, Report
 from geomesh.view.report.errors import opened_original, recorded_errors, refinement_of
 from geomesh.view.report.histograms import histograms
 from geomesh.view.report.markers import marked
 from geomesh.view.report.page import html
-from geomesh.view.report.pictures import map_picture, pairs
+from geomesh.view.report.pictures import map_picture
 from geomesh.view.report.settings import settings, source_facts
 from geomesh.view.report.spelling import spell
 from geomesh.view.report.statements import about_errors, in_words
 from geomesh.view.report.worst import worst_triangles
+from geomesh.view.thumbnail import colors_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -185,6 +187,6 @@ def _note_on_pairs(mesh: TriangleMesh, original: Original | None) -> str:
     return (
         "The mesh, in the mean colours of its triangles. The report was made without the raster, "
         "so there is no image beside it."
-        if "color" in mesh.triangle_table
+        if colors_of(mesh) is not None
         else "The mesh has no colours, and the report was made without its raster."
     )
