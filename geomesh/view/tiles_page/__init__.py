@@ -1,0 +1,1 @@
+"""A page that shows the tiles of a mesh: see `geomesh.view.tiles_page.page`."""
