@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import geopandas as gpd
 
     from geomesh.parameters import Alpha, Effort, LayerName, Model
+    from geomesh.pipeline.tiles import TileSummary
     from geomesh.raster.open import Source
     from geomesh.surface.accuracy import Accuracy
     from geomesh.surface.fidelity import Fidelity
@@ -90,6 +91,69 @@ class Mesh(TriangleMesh):
             options=WriteOptions(solid, precision, chosen),
             progress=progress,
         )
+
+    def to_tiles(
+        self,
+        path: str | PathLike[str],
+        *,
+        min_zoom: int | None = None,
+        max_zoom: int | None = None,
+        columns: Sequence[str] | None = None,
+        page: str | PathLike[str] | None = None,
+        overwrite: bool = False,
+        workers: int | None = None,
+        progress: bool | Progress = False,
+    ) -> TileSummary:
+        """Write the mesh as vector tiles for maps on the web, a whole mesh at each zoom.
+
+        All tiles are read again. A file with a gap, or without one of its triangles, is not
+        written.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in .pmtiles.
+        min_zoom, max_zoom : int, optional
+            Default: from a zoom at which the mesh fits half a tile to the first that shows each
+            pixel of the raster and each node of the mesh.
+        columns : sequence of str, optional
+            Attributes of the triangles. Default: id, area, count, color and all means.
+        page : path-like, optional
+            Write a page that shows the tiles too.
+        overwrite : bool
+            Replace existing files.
+        workers, progress
+            As in `mesh_raster`.
+
+        Returns
+        -------
+        TileSummary
+            The zooms, with the number of triangles, tiles and gap pixels of each.
+
+        Raises
+        ------
+        GeomeshError
+            If the mesh has no place on a map on the web, or a file cannot be written.
+        """
+        from geomesh.parallel.workers import open_workers
+        from geomesh.pipeline.tiles import check_tiles, write_tiles
+        from geomesh.view.tiles_page.page import check_page, write_page
+
+        check_tiles(path, overwrite=overwrite)
+        if page is not None:
+            check_page(page, overwrite=overwrite)
+        with reporting(progress) as report, open_workers(workers) as pool:
+            summary = write_tiles(
+                *(self, path, pool),
+                min_zoom=min_zoom,
+                max_zoom=max_zoom,
+                columns=columns,
+                overwrite=overwrite,
+                progress=report,
+            )
+        if page is not None:
+            write_page(page, path, overwrite=overwrite)
+        return summary
 
     def refine(
         self,

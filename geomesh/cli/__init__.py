@@ -24,6 +24,7 @@ from geomesh.cli.report import report
 from geomesh.cli.signals import on_signal
 from geomesh.cli.stages import stages
 from geomesh.cli.streams import tell_of_lost_output, unfailing_streams
+from geomesh.cli.tiles import tiles
 from geomesh.cli.versions import print_versions
 from geomesh.cli.view import view
 from geomesh.cli.volume import volume
@@ -104,6 +105,7 @@ def cli(ctx: click.Context, debug: bool) -> None:
       geomesh convert mesh.gpkg -o web.geojson
       geomesh contours mesh.gpkg -o contours.gpkg --interval 10
       geomesh view mesh.gpkg -o map.html
+      geomesh tiles mesh.gpkg -o map.pmtiles --page map.html
     """
     if isinstance(ctx.obj, dict) and "env" in ctx.obj:
         ctx.with_resource(ctx.obj["env"])  # `rio geomesh`: use the GDAL settings of rio's options
@@ -113,5 +115,6 @@ def cli(ctx: click.Context, debug: bool) -> None:
 
 for command in (
     *(mesh, stages, quality, render, report, view, evaluate, info, convert, contours, volume),
+    tiles,
 ):
     cli.add_command(command)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console, spell
+from geomesh.cli.kinds import is_mesh
 from geomesh.cli.streams import echo, printable
 from geomesh.errors import EmptyError
 
@@ -45,21 +46,9 @@ def info(debug: bool, /, path: str, as_json: bool) -> None:
       geomesh info mesh.gpkg --json > recipe.json   # for geomesh mesh --recipe
     """
     with guarded(open_console("none"), debug) as failures:
-        is_mesh = Path(path).suffix.lower() == ".gpkg" and _has_layers(path)
-        facts = _describe_mesh(path) if is_mesh else _describe_raster(path)
+        facts = _describe_mesh(path) if is_mesh(path) else _describe_raster(path)
         echo(json.dumps(facts, indent=2) if as_json else _as_text(facts))
     sys.exit(exit_code(failures, printed=True))
-
-
-def _has_layers(path: str) -> bool:
-    """Return whether a GeoPackage contains vector layers. It may contain a raster instead."""
-    import pyogrio
-    from pyogrio.errors import DataSourceError
-
-    try:
-        return len(pyogrio.list_layers(path)) > 0
-    except DataSourceError:
-        return not Path(path).exists()  # an existing file may be a raster
 
 
 def _describe_mesh(path: str) -> dict[str, Any]:
