@@ -15,6 +15,7 @@ from geomesh.cli.options import output_options, raster_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.recipe_options import build_recipe
 from geomesh.cli.streams import echo
+from geomesh.errors import RecipeError
 
 if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
@@ -147,7 +148,7 @@ def _open(
 ) -> tuple[TriangleMesh, float]:
     """Return the mesh of a file or of a raster, and the share of the work that this was."""
     if is_mesh(source):
-        _refuse_options_of_rasters()
+        _refuse_options_of_rasters(source)
         from geomesh.io.read import read_mesh
 
         progress(0.0, "Reading the mesh")
@@ -169,14 +170,15 @@ def _require_crs(crs: Any) -> None:
     check_crs(crs, "the raster")
 
 
-def _refuse_options_of_rasters() -> None:
+def _refuse_options_of_rasters(source: str) -> None:
+    """Raise RecipeError if there is an option that would have no effect."""
     context = click.get_current_context()
     for parameter in context.command.params:
         name = parameter.name or ""
         given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
         if given and name not in _OWN:
             option = max(parameter.opts, key=len)
-            raise click.UsageError(f"{option} is for a raster: the mesh is made already")
+            raise RecipeError(f"{option} is for a raster, and {source} is a mesh: leave it out")
 
 
 def _figures(summary: TileSummary) -> dict[str, Any]:

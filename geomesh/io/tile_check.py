@@ -30,6 +30,9 @@ _BLOCK = 8
 _STEP = TILE_PIXELS / EXTENT
 _SHIFTS = ((-_STEP, -_STEP), (-_STEP, _STEP), (_STEP, -_STEP), (_STEP, _STEP))
 
+# More uncovered pixels than this in a block are no matter of the outline.
+_MOST_LOOKED_AT = 1000
+
 
 @dataclass(frozen=True)
 class LevelCheck:
@@ -186,8 +189,11 @@ def _gaps(inside: Sequence[Rings], side: int, block: Window, uncovered: NDArray[
         moved = np.zeros(block.shape, np.uint8)
         _fill(inside, side, block, moved, shift)
         uncovered = uncovered & (moved == 1)
+    gaps = int(np.count_nonzero(uncovered))
+    if gaps > _MOST_LOOKED_AT:
+        return gaps
+    boxes = [_boxes(rings) * side for rings in inside] if gaps else []
     gaps = 0
-    boxes = [_boxes(rings) * side for rings in inside] if uncovered.any() else []
     for row, col in np.argwhere(uncovered).tolist():
         place = np.array([block.col + col + 0.5, block.row + row + 0.5])
         around = []

@@ -37,24 +37,20 @@ _RECIPE = Recipe.from_preset("adaptive").with_values(
 
 
 def coarse_mesh(
-    image: LevelImage, mesh: TriangleMesh, nodes: int, workers: Workers, progress: Progress
+    image: LevelImage, nodes: int, workers: Workers, progress: Progress
 ) -> TriangleMesh:
     """Return a certified mesh of an image, on the grid of its blocks.
 
     Parameters
     ----------
     image : LevelImage
-        Of `mesh`.
-    mesh : TriangleMesh
     nodes : int
         Number of nodes; the outline may need more.
     workers : Workers
     progress : callable(fraction, message)
     """
-    wide = image.widened()
-    grid = wide.grid(mesh.grid)
-    hidden = np.broadcast_to(~wide.inside, wide.bands.shape)
-    pixels = np.ma.MaskedArray(wide.bands, hidden)
+    grid = image.grid
+    pixels = np.ma.MaskedArray(image.bands, np.broadcast_to(~image.inside, image.bands.shape))
     with warnings.catch_warnings():
         # That the outline needs more nodes, or that an image is smooth, is of no use here.
         warnings.simplefilter("ignore", GeomeshWarning)
@@ -173,8 +169,7 @@ def _pairs(
 
     `middles` gets the triangle of `mesh` at the middle of each coarse triangle.
     """
-    margin = (coarse.grid.width - image.inside.shape[1]) // 2
-    nodes = (coarse.nodes - margin) * image.factor
+    nodes = image.to_raster(coarse.nodes)
     centres = np.floor(nodes[coarse.triangles].mean(axis=1)).astype(np.int64)
     tiles = plan_tiles(mesh.grid.extent, halo=0)
     own = split_by_tiles(nodes, coarse.triangles, tiles)

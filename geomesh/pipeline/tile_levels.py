@@ -24,6 +24,9 @@ PIXELS_PER_NODE = 64
 
 _FEWEST = 4
 
+# With this share of its nodes, the mesh itself is shown: one with a few nodes less is no gain.
+_NEARLY_ALL = 0.7
+
 
 @dataclass(frozen=True)
 class LevelPlan:
@@ -89,8 +92,8 @@ def plan_levels(
     corners[..., 0] -= np.rint(corners[..., 0] - corners[:, :1, 0])
     area, (side, bounds, view) = _area(corners), _extent(corners, world)
     pixel = np.sqrt(area / np.abs(signed_areas(mesh.nodes, mesh.triangles)).sum())
-    # At this zoom, the mesh itself has as many nodes as a smaller one would have.
-    own = _zoom(np.sqrt(len(mesh.nodes) * PIXELS_PER_NODE / area))
+    # From this zoom on, the mesh itself has as many nodes as a smaller one would have.
+    own = _zoom(np.sqrt(_NEARLY_ALL * len(mesh.nodes) * PIXELS_PER_NODE / area))
     last = max_zoom if max_zoom is not None else max(_zoom(1 / pixel), own)
     first = int(np.floor(-np.log2(side))) - 1
     first = min_zoom if min_zoom is not None else min(max(first, 0), last)

@@ -212,8 +212,9 @@ def _meshes(
             image = paint_image(mesh, level.factor, part_of(report, 0, 0.2))
         else:
             image = image.halved()
-        coarse = coarse_mesh(image, mesh, level.nodes, workers, part_of(report, 0.2, 0.8))
-        yield level.zoom, with_values_of(coarse, mesh, image, columns, part_of(report, 0.8, 1))
+        wide = image.widened()
+        coarse = coarse_mesh(wide, level.nodes, workers, part_of(report, 0.2, 0.8))
+        yield level.zoom, with_values_of(coarse, mesh, wide, columns, part_of(report, 0.8, 1))
 
 
 def _about(zoom: int, progress: Progress) -> Progress:
