@@ -63,7 +63,7 @@ def raster_options(command: Callable[..., None]) -> Callable[..., None]:
     return decorated
 
 
-def _column_names(
+def column_names(
     _ctx: click.Context, _param: click.Parameter, value: str | None
 ) -> tuple[str, ...] | None:
     """Parse the names of columns: separated by commas, in quotation marks if they have one."""
@@ -121,7 +121,7 @@ def layer_options(command: Callable[..., None]) -> Callable[..., None]:
         ),
         click.option(
             "--columns",
-            callback=_column_names,
+            callback=column_names,
             metavar="NAME,...",
             help="Of GeoJSON, FlatGeobuf and GeoParquet: the only attributes to write, such as "
             "color,area; none: only the geometry. Default: all.",

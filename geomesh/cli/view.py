@@ -10,17 +10,9 @@ from typing import Any
 import click
 
 from geomesh.cli.console import exit_code, guarded, open_console
-from geomesh.cli.options import output_options
+from geomesh.cli.options import column_names, output_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.streams import echo
-
-
-def _names(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
-    """Parse names such as 'count,red_mean'; 'none' for no names."""
-    if value is None:
-        return None
-    names = tuple(name.strip() for name in value.split(",") if name.strip())
-    return () if names == ("none",) else names
 
 
 @click.command()
@@ -34,8 +26,8 @@ def _names(_ctx: click.Context, _param: click.Parameter, value: str | None) -> A
 )
 @click.option(
     "--columns",
-    callback=_names,
-    metavar="COLUMN,...",
+    callback=column_names,
+    metavar="NAME,...",
     help="Attributes in the page, or none. Default: all of a mesh with up to 200,000 triangles; "
     "of a larger one the number of pixels, the means and the classes. Measures of shape are always "
     "there.",
