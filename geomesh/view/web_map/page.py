@@ -32,8 +32,8 @@ MOST_TRIANGLES = 3_000_000
 
 # The parts of the program, each using those before it.
 _SCRIPTS = (
-    *("codec", "mesh", "columns", "gl", "shaders", "view", "painter", "basemap", "screen"),
-    *("relief", "input", "panel", "main"),
+    *("codec", "mesh", "columns", "view", "gl", "shaders", "vertices", "relief", "painter"),
+    *("basemap", "screen", "input", "panel", "address", "app", "main"),
 )
 
 # Ramps of which equal steps look equal. The last one, for directions, ends as it begins.

@@ -160,3 +160,17 @@ function greatest(numbers) {
   for (const each of numbers) if (each > most) most = each;
   return most;
 }
+
+/** Take runs of at most `most` triangles from the front of a list. */
+function takeRuns(runs, most) {
+  const taken = [];
+  let room = Math.floor(most / CHUNK) * CHUNK;
+  while (runs.length && room > 0) {
+    const [from, to] = runs[0], end = Math.min(to, from + room);
+    taken.push([from, end]);
+    room -= end - from;
+    if (end === to) runs.shift();
+    else runs[0] = [end, to];
+  }
+  return taken;
+}

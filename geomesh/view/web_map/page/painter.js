@@ -22,32 +22,10 @@ class Painter {
     this.upload();
   }
 
-  /** Corners of triangles as vertices of which the last one of each triangle is its own: a "flat"
-      colour is that of the last vertex. About half of the nodes have to be there twice. */
   upload() {
-    const { gl, mesh } = this, { corners, about } = mesh, count = about.triangles;
-    const nodes = new Uint32Array(about.nodes + count), owners = new Uint32Array(about.nodes + count);
-    const free = new Uint8Array(about.nodes).fill(1), index = new Uint32Array(3 * count);
-    let vertices = about.nodes;
-    for (let i = 0; i < vertices; i++) nodes[i] = i;
-    for (let t = 0, k = 0; t < count; t++, k += 3) {
-      let a = corners[k], b = corners[k + 1], c = corners[k + 2];
-      if (!free[c]) {
-        if (free[a]) [a, b, c] = [b, c, a];
-        else if (free[b]) [a, b, c] = [c, a, b];
-        else {
-          nodes[vertices] = c;
-          c = vertices++;
-        }
-      }
-      if (c < about.nodes) free[c] = 0;
-      owners[c] = t;
-      index[k] = a;
-      index[k + 1] = b;
-      index[k + 2] = c;
-    }
-    this.nodes = nodes.subarray(0, vertices);
-    this.owners = owners.subarray(0, vertices);
+    const { gl, mesh } = this, { nodes, owners, index } = shareVertices(mesh), vertices = nodes.length;
+    this.nodes = nodes;
+    this.owners = owners;
     const steps = new Int32Array(2 * vertices);
     for (let i = 0; i < vertices; i++) {
       steps[2 * i] = mesh.x[nodes[i]];
@@ -312,20 +290,4 @@ class Painter {
       gl.disableVertexAttribArray(place);
     }
   }
-}
-
-const sameState = (one, other) => one.x === other.x && one.y === other.y && one.unit === other.unit;
-
-/** Take runs of at most `most` triangles from the front of a list. */
-function takeRuns(runs, most) {
-  const taken = [];
-  let room = Math.floor(most / CHUNK) * CHUNK;
-  while (runs.length && room > 0) {
-    const [from, to] = runs[0], end = Math.min(to, from + room);
-    taken.push([from, end]);
-    room -= end - from;
-    if (end === to) runs.shift();
-    else runs[0] = [end, to];
-  }
-  return taken;
 }

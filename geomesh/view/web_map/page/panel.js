@@ -62,8 +62,8 @@ function showLegend(style, column) {
   }
 }
 
-/** Show all attributes of a triangle. */
-async function showAttributes(mesh, t, close) {
+/** Return all attributes of a triangle: name, value, unit. */
+async function attributesOf(mesh, t) {
   const { node, triangle } = await mesh.ids(), rows = [["id", triangle[t], ""]];
   for (let k = 0; k < 3; k++) rows.push([`n${k}`, node[mesh.corners[3 * t + k]], ""]);
   const measures = mesh.measure(t);
@@ -76,6 +76,10 @@ async function showAttributes(mesh, t, close) {
     rows.push([column.name, valueAt(column, t), column.unit]);
   }
   if (mesh.about.colored) rows.push(["color", hexOf(mesh.colors, t), ""]);
+  return rows;
+}
+
+function showAttributes(mesh, rows, close) {
   const table = element("table");
   for (const [name, value, unit] of rows) {
     const row = table.insertRow(), head = element("th", name);

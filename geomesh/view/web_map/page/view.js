@@ -83,6 +83,8 @@ class View {
   }
 }
 
+const sameState = (one, other) => one.x === other.x && one.y === other.y && one.unit === other.unit;
+
 /** Interpolate in a grid of side x side numbers, at shares of its width and height. */
 function interpolate(numbers, side, across, down) {
   const u = across * (side - 1), v = down * (side - 1);
