@@ -13,7 +13,7 @@ KERNEL_TESTS := $(addprefix tests/test_,baselines.py certificate.py contours.py 
 	tiled.py topology.py triangulate.py volume.py zonal.py)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast test-bounds lint hooks docs bench bench-scale bench-fidelity plugin test-qgis qgis-is-there clean
+.PHONY: help demo test test-fast test-bounds lint hooks docs bench bench-scale bench-fidelity bench-web plugin test-qgis qgis-is-there clean
 
 help:
 	@echo "make demo    mesh a real satellite image into out/, with pictures"
@@ -26,6 +26,7 @@ help:
 	@echo "make bench   compare speed with the peers, in one run"
 	@echo "make bench-scale  time and memory from 1 to 120 megapixels, beside the bare work"
 	@echo "make bench-fidelity  how faithfully meshes show images and DEMs, beside other methods"
+	@echo "make bench-web  the web map of a million triangles, beside deck.gl and folium"
 	@echo "make plugin  pack the QGIS plugin into dist/"
 	@echo "make test-qgis  test the plugin with the QGIS of this machine (QGIS_PYTHON=$(QGIS_PYTHON))"
 	@echo "make clean   remove $(VENV), $(QGIS_VENV), out/, dist/ and caches"
@@ -109,6 +110,9 @@ bench-scale: $(BIN)/.developing
 
 bench-fidelity: $(BIN)/.developing
 	$(BIN)/python -m benchmarks.fidelity
+
+bench-web: $(BIN)/.developing
+	$(BIN)/python -m benchmarks.web_map -o out/web_map
 
 plugin: $(BIN)/.installed
 	@$(BIN)/python qgis_plugin/build.py
