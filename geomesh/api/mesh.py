@@ -114,8 +114,8 @@ class Mesh(TriangleMesh):
         path : path-like
             Ends in .pmtiles.
         min_zoom, max_zoom : int, optional
-            Default: from a zoom at which the mesh fits half a tile to the first that shows each
-            pixel of the raster and each node of the mesh.
+            Default: from a zoom at which the mesh fits half a tile to one that shows about
+            each pixel of the raster, and each node of the mesh.
         columns : sequence of str, optional
             Attributes of the triangles. Default: id, area, count, color and all means.
         page : path-like, optional

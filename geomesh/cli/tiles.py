@@ -57,7 +57,7 @@ def _names(_ctx: click.Context, _param: click.Parameter, value: str | None) -> A
     "--max-zoom",
     type=click.IntRange(0, 22),
     metavar="Z",
-    help="The nearest zoom. Default: the first that shows each pixel of the raster, and each node "
+    help="The nearest zoom. Default: one that shows about each pixel of the raster, and each node "
     "of the mesh. Maps show its tiles enlarged when they are nearer.",
 )
 @click.option(

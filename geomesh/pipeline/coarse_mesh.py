@@ -66,6 +66,7 @@ def with_values_of(
     mesh: TriangleMesh,
     image: LevelImage,
     columns: Sequence[str],
+    owned: NDArray[np.int64],
     progress: Progress,
 ) -> TriangleMesh:
     """Return a coarse mesh with columns of the mesh that it shows.
@@ -83,6 +84,8 @@ def with_values_of(
     image : LevelImage
         That of `coarse`.
     columns : sequence of str
+    owned : int64 (T,)
+        From `count_owned`, of `mesh`.
     progress : callable(fraction, message)
     """
     table = mesh.attributes("triangles")
@@ -93,7 +96,7 @@ def with_values_of(
             levels = parse_colors(wanted["color"])[:, k].astype(float)
             gathered[f" {name}"] = _Gathered(levels, "mean", len(coarse.triangles))
     if "count" in wanted:
-        shares = wanted["count"] / np.maximum(_owned(mesh), 1)
+        shares = wanted["count"] / np.maximum(owned, 1)
         gathered["count"] = _Gathered(shares, "sum", len(coarse.triangles))
     for name, values in wanted.items():
         if values.dtype.kind == "f" and name not in ("area", *gathered):
@@ -187,7 +190,7 @@ def _pairs(
         yield few.triangle_ids, mine[both], many.triangle_ids[theirs[both]]
 
 
-def _owned(mesh: TriangleMesh) -> NDArray[np.int64]:
+def count_owned(mesh: TriangleMesh) -> NDArray[np.int64]:
     """Return the number of pixels that each triangle owns."""
     owned = np.zeros(len(mesh.triangles), np.int64)
     tiles = plan_tiles(mesh.grid.extent, halo=0)

@@ -24,6 +24,9 @@ PIXELS_PER_NODE = 64
 
 _FEWEST = 4
 
+# Pixels of a map that are up to so many pixels of the raster wide show each of them.
+_NEAR = 2**0.5
+
 # With this share of its nodes, the mesh itself is shown: one with a few nodes less is no gain.
 _NEARLY_ALL = 0.7
 
@@ -77,7 +80,7 @@ def plan_levels(
         Longitude and latitude of its nodes.
     min_zoom, max_zoom : int, optional
         Default: from a zoom at which the mesh fits half a tile to that at which a pixel of the map
-        is not larger than one of the raster. A mesh with many nodes has more.
+        is about one of the raster. A mesh with many nodes has more.
 
     Raises
     ------
@@ -94,7 +97,7 @@ def plan_levels(
     pixel = np.sqrt(area / np.abs(signed_areas(mesh.nodes, mesh.triangles)).sum())
     # From this zoom on, the mesh itself has as many nodes as a smaller one would have.
     own = _zoom(np.sqrt(_NEARLY_ALL * len(mesh.nodes) * PIXELS_PER_NODE / area))
-    last = max_zoom if max_zoom is not None else max(_zoom(1 / pixel), own)
+    last = max_zoom if max_zoom is not None else max(_zoom(1 / (_NEAR * pixel)), own)
     first = int(np.floor(-np.log2(side))) - 1
     first = min_zoom if min_zoom is not None else min(max(first, 0), last)
     if first > last:

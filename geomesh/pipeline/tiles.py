@@ -25,7 +25,7 @@ from geomesh.io.tiles import LAYER, LevelFile, describe_fields, join_levels, wri
 from geomesh.parallel.cores import available_cores
 from geomesh.parallel.processes import Process
 from geomesh.parallel.progress import Progress, part_of, silent
-from geomesh.pipeline.coarse_mesh import coarse_mesh, with_values_of
+from geomesh.pipeline.coarse_mesh import coarse_mesh, count_owned, with_values_of
 from geomesh.pipeline.level_image import paint_image
 from geomesh.pipeline.tile_levels import TilePlan, plan_levels
 
@@ -201,7 +201,7 @@ def _meshes(
     progress: Progress,
 ) -> Iterator[tuple[int, TriangleMesh]]:
     """Yield the mesh of each zoom, the nearest first."""
-    image = None
+    image, owned = None, np.empty(0, np.int64)
     for k, level in enumerate(plan.levels):
         if level.nodes is None:
             yield level.zoom, mesh
@@ -209,12 +209,14 @@ def _meshes(
         start, stop = 0.5 * k / len(plan.levels), 0.5 * (k + 1) / len(plan.levels)
         report = _about(level.zoom, part_of(progress, start, stop))
         if image is None:
+            owned = count_owned(mesh)
             image = paint_image(mesh, level.factor, part_of(report, 0, 0.2))
         else:
             image = image.halved()
         wide = image.widened()
         coarse = coarse_mesh(wide, level.nodes, workers, part_of(report, 0.2, 0.8))
-        yield level.zoom, with_values_of(coarse, mesh, wide, columns, part_of(report, 0.8, 1))
+        more = part_of(report, 0.8, 1)
+        yield level.zoom, with_values_of(coarse, mesh, wide, columns, owned, more)
 
 
 def _about(zoom: int, progress: Progress) -> Progress:
