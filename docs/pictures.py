@@ -56,6 +56,9 @@ def main() -> None:
     import report_pictures
 
     report_pictures.main()
+    import tiles_pictures
+
+    tiles_pictures.main()
 
 
 def draw_hero() -> None:

@@ -63,7 +63,7 @@ def test_links_between_documents_lead_somewhere():
     "page",
     [
         *("getting-started", "choose-bands", "nodata", "breaklines", "contours", "batch", "web"),
-        *("presets", "terrain", "report"),
+        *("presets", "terrain", "report", "tiles"),
     ],
 )
 def test_the_commands_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
