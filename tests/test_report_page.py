@@ -670,6 +670,21 @@ def test_a_raster_with_nodata_is_transparent_where_there_is_none(tmp_path: Path)
     for picture_ in (shown, image, painted):
         assert picture_.shape[2] == 4
         assert 0.1 < (picture_[..., 3] == 0).mean() < 0.9
+    # The image, which is smaller than its raster, has the same places as the mesh beside it.
+    assert np.abs(image[..., 3].astype(float) - painted[..., 3]).mean() < 255 * 0.02
+
+
+def test_a_large_image_is_decimated_as_a_whole(tmp_path: Path) -> None:
+    """Its sides are no multiples of the step: nothing may be cut off or moved."""
+    height, width = 1999, 3001
+    ramp = np.add.outer(np.arange(height), np.arange(width)).astype(np.float32)
+    source = write_raster(tmp_path, data=ramp[None])
+    _, image, *_ = pictures(report_of(mesh_of(source, preset="features", nodes=50), tmp_path))
+    expected = cv2.resize(ramp, image.shape[1::-1], interpolation=cv2.INTER_AREA)
+    low, high = np.percentile(ramp, (2, 98))
+    levels = np.clip((expected - low) / (high - low) * 255, 0, 255)
+    assert image.shape == (426, 640, 3)
+    np.testing.assert_allclose(image[..., 0], levels, atol=3)
 
 
 def test_many_triangles_need_little_memory(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.progress import Progress
     from geomesh.parallel.workers import Workers
+    from geomesh.raster.pixels import Pixels
     from geomesh.raster.scene import Scene
     from geomesh.view.report.errors import Original
 
@@ -145,14 +146,12 @@ def _image_and_surface(
     chosen = list(dict.fromkeys(scene.display))
     if lift is not None and is_relief:
         chosen = [names.index(lift.band)]
-    shape = min(height, window.height), min(width, window.width)
-    part = _only(scene, chosen)
-    bands, valid = part.read(window, shape if shape != window.shape else None)
+    step = max(max(window.width, window.height) // (FINER * _SIDE), 1)
+    bands, valid = _every_nth(_only(scene, chosen), window, step)
     nodes = _on_picture(mesh, window, fine.shape)
     values = reconstruct(nodes, mesh.triangles, surface.values[:, chosen], fine, surface.model)
     if lift is not None and is_relief:
         heights = np.where(valid, bands[0].astype(np.float64), np.nan) * lift.factor
-        step = window.width / shape[1]
         scale = find_scale(heights, step)
         image = shaded(heights, scale, step)
         levels = shaded(values[0] * lift.factor, scale, window.width / fine.width)
@@ -165,9 +164,26 @@ def _image_and_surface(
         levels = _displayed(tone.display(values)[rgb], known)
         factor = brightness(image)
         image, levels = brighter(image, factor), brighter(levels, factor)
+    if image.shape[1] > width or image.shape[0] > height:
+        return [("image", averaged(image, width, height)), ("mesh", levels)]
     # Each pixel keeps its borders.
     larger = cv2.resize(image, size, interpolation=cv2.INTER_NEAREST).astype(np.uint8)
     return [("image", larger), ("mesh", levels)]
+
+
+def _every_nth(scene: Scene, window: Window, step: int) -> Pixels:
+    """Read one pixel of each block of `step` x `step` pixels of a window.
+
+    What is left over at the right and below is less than a block: less than a pixel of a picture.
+    """
+    if step == 1:
+        return scene.read(window)
+    shape = max(window.height // step, 1), max(window.width // step, 1)
+    height, width = (
+        count * step if side >= step else side
+        for count, side in zip(shape, window.shape, strict=True)
+    )
+    return scene.read(replace(window, width=width, height=height), shape)
 
 
 def _only(scene: Scene, positions: Sequence[int]) -> Scene:
