@@ -8,6 +8,8 @@ import re
 import shlex
 import shutil
 import subprocess
+import time
+import tracemalloc
 import warnings
 from base64 import b64decode
 from dataclasses import replace
@@ -205,6 +207,7 @@ def test_the_quality_is_that_of_the_command(
         assert values == expected
 
 
+@pytest.mark.slow
 def test_each_check_is_a_sentence_with_its_result(
     bounded: Mesh, colored: Mesh, features: Mesh, tmp_path: Path
 ) -> None:
@@ -411,6 +414,7 @@ def test_without_the_raster_the_mesh_is_shown_alone(colored: Mesh, tmp_path: Pat
     assert "Give its path if it is elsewhere" in page.text
 
 
+@pytest.mark.slow
 def test_another_raster_at_the_recorded_place_is_not_used(tmp_path: Path) -> None:
     source = Path(shutil.copy(OLINDA, tmp_path / "scene.tif"))
     mesh = mesh_of(source, nodes=300)
@@ -528,6 +532,7 @@ def test_the_command_has_the_bounds(source: Path, tmp_path: Path, command: Geome
     np.testing.assert_array_equal(made.nodes, mesh.nodes)
 
 
+@pytest.mark.slow
 def test_what_the_command_cannot_say_is_told(tmp_path: Path) -> None:
     west, south, east, north = mesh_of(OLINDA, nodes=100).grid.bounds()
     triangle = f"POLYGON (({west} {south}, {east} {south}, {west} {north}, {west} {south}))"
@@ -604,6 +609,7 @@ def test_a_mesh_without_triangles(tmp_path: Path) -> None:
     assert page.texts("p", "badge")[0].startswith("✗ Not certified")
 
 
+@pytest.mark.slow
 def test_values_that_are_not_numbers(bounded: Mesh, tmp_path: Path) -> None:
     columns = {}
     for name in ("b1_max_error", "b1_rmse"):
@@ -639,6 +645,7 @@ def test_a_column_named_color_that_has_none(tmp_path: Path) -> None:
         assert "has no colours" in report_of(odd, tmp_path).text
 
 
+@pytest.mark.slow
 def test_depths_are_shaded_as_the_surface_they_are(tmp_path: Path) -> None:
     _, image, *_ = pictures(report_of(mesh_of(DEM, nodes=300, z=1), tmp_path))
     _, turned, *_ = pictures(report_of(mesh_of(DEM, nodes=300, z=1, z_factor=-1.0), tmp_path))
@@ -674,6 +681,7 @@ def test_a_raster_with_nodata_is_transparent_where_there_is_none(tmp_path: Path)
     assert np.abs(image[..., 3].astype(float) - painted[..., 3]).mean() < 255 * 0.02
 
 
+@pytest.mark.slow
 def test_a_large_image_is_decimated_as_a_whole(tmp_path: Path) -> None:
     """Its sides are no multiples of the step: nothing may be cut off or moved."""
     height, width = 1999, 3001
@@ -687,11 +695,20 @@ def test_a_large_image_is_decimated_as_a_whole(tmp_path: Path) -> None:
     np.testing.assert_allclose(image[..., 0], levels, atol=3)
 
 
+@pytest.mark.slow
 def test_many_triangles_need_little_memory(tmp_path: Path) -> None:
     side = 400
     mesh = lattice_mesh("EPSG:32722", Affine(30, 0, 5e5, 0, -30, 8e6), side, side)
     assert len(mesh.triangles) == 320_000
+    mesh.quality()
+    tracemalloc.start()
+    started = time.perf_counter()
     page = report_of(mesh, tmp_path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    print(f"{time.perf_counter() - started:.1f} s, {peak / 1e6:.0f} MB")
+    # Pictures are painted pixel by pixel: no shapes of triangles are kept.
+    assert peak < 450e6
     assert page.facts()["Triangles"] == "320,000"
     assert (tmp_path / "report.html").stat().st_size < 3_000_000
 
@@ -707,6 +724,7 @@ def test_the_same_mesh_gives_the_same_bytes(colored: Mesh, tmp_path: Path) -> No
     assert not re.search(rb"20\d\d-\d\d-\d\d", one)
 
 
+@pytest.mark.slow
 def test_the_command_prints_what_it_wrote(colored: Mesh, tmp_path: Path, command: Geomesh) -> None:
     path, page = colored.to_file(tmp_path / "mesh.gpkg"), tmp_path / "report.html"
     done = command("report", path, "-o", page, "--title", "Olinda & sea", "--json")

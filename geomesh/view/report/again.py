@@ -149,11 +149,11 @@ def _is_whole(made: Provenance, original: Original | None) -> bool:
 
 
 def _box(grid: Grid) -> Iterator[str]:
-    """Yield the bounds of a grid with so many digits that they are within an eighth of a pixel."""
+    """Yield the bounds of a grid with so many decimals that they are within 1/8 of a pixel."""
     a, b, _, d, e, _ = grid.transform[:6]
     nearness = min(math.hypot(a, d), math.hypot(b, e)) / 8
     for value in grid.bounds():
-        texts = (f"{value:.{digits}g}" for digits in range(6, 17))
+        texts = (f"{value:.{decimals}f}" for decimals in range(17))
         yield next((text for text in texts if abs(float(text) - value) < nearness), repr(value))
 
 

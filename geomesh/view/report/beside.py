@@ -51,7 +51,7 @@ def pairs(
 ) -> tuple[tuple[Picture, ...], ...]:
     """Return pictures to set side by side: the whole raster and its mesh, then a detail.
 
-    Without the raster, there is only the mesh.
+    Without the raster, there is only the mesh: all of it, and the detail beside it.
     """
     whole, detail = mesh.grid.extent, busiest(mesh)
     tone = None
@@ -61,6 +61,8 @@ def pairs(
     shown = [_pair(mesh, whole, original, tone, is_detail=False)]
     if detail != whole:
         shown.append(_pair(mesh, detail, original, tone, is_detail=True))
+    if original is None:
+        return (tuple(picture for pair in shown for picture in pair),)
     return tuple(shown)
 
 

@@ -38,7 +38,6 @@ def html(report: Report) -> str:
     body = el(
         "body",
         el("header", *_header(report)),
-        # The place of an interactive map: here, above the picture of the map.
         el("main", *(el("section", *section) for section in _sections(report) if section)),
         el("footer", *_footer(report)),
     )
@@ -68,6 +67,8 @@ def _header(report: Report) -> Iterator[Markup]:
 
 def _sections(report: Report) -> Iterator[list[Markup]]:
     """Yield the sections of the page, in order; one that is empty is left out."""
+    # This is the place of an interactive map, if there is one: above the picture of the map, which
+    # is for print. The policy then has to allow its script.
     yield [el("h2", "Map"), _map(report.map)]
     yield [el("h2", "Image and mesh"), *_pairs(report)]
     yield [el("h2", "How far the pixels are from the surface"), *_paragraphs(report.accuracy)]

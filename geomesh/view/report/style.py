@@ -133,9 +133,11 @@ footer { margin-top: 3rem; padding-bottom: 2.5rem; }
   h2, h3, h2 + p, h3 + p { break-after: avoid; }
   p, figure, tr, .wide, .figures, .pair, pre, .warnings, .facts { break-inside: avoid; }
   pre { white-space: pre-wrap; overflow-wrap: anywhere; }
-  .map { max-width: calc(160mm * var(--shape)) !important; }
+  .map { max-width: calc(150mm * var(--shape)) !important; }
   .figures dd { font-size: 13pt; }
-  .figures { grid-template-columns: repeat(auto-fit, minmax(30mm, 1fr)); }
+  .figures { grid-template-columns: repeat(auto-fit, minmax(25mm, 1fr)); gap: 2.5mm; }
+  .figures div { padding: 1.5mm 2mm; }
+  footer { margin-top: 4mm; padding-bottom: 0; break-before: avoid; }
   .charts { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .settings { grid-template-columns: repeat(2, minmax(0, 1fr)); font-size: 9pt; }
   .wide { overflow: visible; }
