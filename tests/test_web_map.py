@@ -63,8 +63,8 @@ def test_every_pixel_has_the_colour_of_its_triangle(show_map: ShowMap, ratio: in
     page.browser.drag((250, 200), (311, 177))
     assert_flat(page, expected)
     scale = page.view[2]
-    page.browser.wheel(300, 250, -300)
-    page.browser.wheel(300, 250, -300)
+    page.browser.wheel(330, 250, -300)
+    page.browser.wheel(330, 250, -300)
     assert page.view[2] > 2 * scale
     assert_flat(page, expected)
     page.browser.resize(640, 300, ratio)

@@ -171,7 +171,6 @@ def test_keys_move_zoom_and_toggle(show_map: ShowMap) -> None:
     mesh = olinda_mesh()
     page = show_map(mesh)
     whole = page.view
-    page.browser.click(90, 400)  # beside the mesh: only the focus
     for name, step in {"ArrowLeft": (-90, 0), "ArrowDown": (0, 90)}.items():
         expected = page.to_raster(400 + step[0], 300 + step[1])
         page.browser.key(name)
