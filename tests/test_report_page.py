@@ -248,6 +248,20 @@ def test_a_mesh_that_fails_is_not_called_certified(
     assert "They are not those that the mesh records" in given.text
 
 
+def test_a_bound_that_was_not_reached_is_not_said_to_hold(tmp_path: Path) -> None:
+    mesh = mesh_of(DEM, max_error=2, nodes=150)
+    assert mesh.provenance is not None
+    assert mesh.provenance.refinement is not None
+    (band,) = mesh.provenance.refinement.bands
+    assert band.max_error > 2
+    page = report_of(mesh, tmp_path)
+    assert "No valid pixel of band" not in page.text
+    assert f"by up to {band.max_error:.6g}, which is more than the bound of 2" in page.text
+    assert "The goal was not reached: an error of 2 needs about" in page.text
+    assert page.texts("dd", "note")[1] == "bound 2, not reached"
+    assert any("The bound was not reached." in line for line in page.texts("li", "fact"))
+
+
 def test_the_worst_triangles_are_the_worst(bounded: Mesh, tmp_path: Path) -> None:
     page = report_of(bounded, tmp_path)
     angles = bounded.quality().table["min_angle"]

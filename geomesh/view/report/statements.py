@@ -146,7 +146,8 @@ def about_errors(mesh: TriangleMesh, errors: Errors | None) -> Iterator[str]:
     elif errors.measured:
         yield "The values at the nodes are those with the smallest squared error for these pixels."
     if refinement is not None and refinement.note:
-        yield f"The goal was not quite reached: {refinement.note}."
+        reached = "Note" if refinement.reached else "The goal was not reached"
+        yield f"{reached}: {refinement.note}."
 
 
 def _about_band(band: BandAccuracy, unit: str, limit: float | None) -> str:

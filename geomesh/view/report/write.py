@@ -122,7 +122,7 @@ def describe(
     progress(0.8, "Drawing the map")
     worst = tuple(worst_triangles(mesh, quality.table["min_angle"], errors))
     return Report(
-        title=_title(mesh) if title is None else title,
+        title=title if title and title.strip() else _title(mesh),
         subtitle=_subtitle(mesh),
         passed=certificate.passed,
         figures=tuple(_figures(mesh, certificate, errors)),
@@ -171,7 +171,8 @@ def _figures(
     for k, band in enumerate(errors.bands[:_MOST_BANDS]):
         of = f", {band.name}" if several else ""
         if bounded and refinement is not None:
-            bound = f"bound {refinement.limits[k]:.6g}"
+            limit = refinement.limits[k]
+            bound = f"bound {limit:.6g}" + (", not reached" if band.max_error > limit else "")
             yield Figure(f"Greatest error{of}", f"{band.max_error:.6g}", bound)
         if not (bounded and several):
             yield Figure(f"PSNR{of}", f"{band.psnr:.2f} dB", f"RMSE {spell(band.rmse)}")
