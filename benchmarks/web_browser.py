@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
+from itertools import cycle
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,6 +20,7 @@ WIDTH, HEIGHT = 1200, 800
 # Seconds of dragging; a page that is slow to answer is dragged once.
 _DRAGGING = 3.0
 _REACH = 200  # CSS pixels
+_DRIFT = 10  # so that the map never ends where it was, and has to be drawn anew
 
 # Keeps the times of all frames and of all moves of the mouse.
 _WATCH = """void (() => {
@@ -90,13 +92,13 @@ def measure(page: Path) -> Measured:
         # The page itself knows it sooner, if it was ready before it was asked.
         first = min(ready["now"], max(times.get("firstFrame", np.inf), 0)) / 1000
         browser.evaluate(_WATCH)
-        x, y = WIDTH / 2, HEIGHT / 2
-        begin, side = monotonic(), 1
-        while True:
-            browser.drag((x, y), (x + side * _REACH, y + side * _REACH / 2))
+        here, begin = (WIDTH / 2, HEIGHT / 2), monotonic()
+        for reach in cycle((_REACH, _DRIFT - _REACH)):
+            there = here[0] + reach, here[1] + reach / 2
+            browser.drag(here, there)
+            here = there
             if monotonic() - begin > _DRAGGING:
                 break
-            x, y, side = x + side * _REACH, y + side * _REACH / 2, -side
         seen = browser.evaluate(_REST)
         # What the browser asks for by itself, such as updates, is not the page's.
         asked = [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))]
