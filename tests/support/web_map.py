@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 # The page around the mesh, in light colours.
 BACKGROUND = (0xF4, 0xF4, 0xF2)
 
+# Share of a device pixel: a pixel is surely in a triangle that its middle is in, by this much.
+SURE = 0.25
+
 SHOW_BOXES = """document.querySelectorAll(".box, #swipe")
     .forEach((element) => { element.style.visibility = IS_SHOWN ? "" : "hidden" })"""
 TABLE = """[...document.querySelectorAll('#info tr')].map((row) =>
@@ -140,10 +143,14 @@ class MapPage:
         down = (np.arange(round(height * ratio)) + 0.5) / ratio
         px, py = np.meshgrid(across, down)
         found = np.asarray(find(px, py))
+        # Only near an edge it takes a second look, around the middle of the pixel.
+        inner = minimum_filter(found, 3) == maximum_filter(found, 3)
+        near_edge = np.nonzero(~inner)
+        inner[near_edge] = True
+        for dx, dy in np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * SURE / ratio:
+            around = find(px[near_edge] + dx, py[near_edge] + dy)
+            inner[near_edge] &= around == found[near_edge]
         triangle = np.where(found >= 0, rows[found], -1)
-        inner = minimum_filter(triangle, 3) == maximum_filter(triangle, 3)
-        # The frame too: the filters know nothing of what is outside.
-        inner[[0, -1]] = inner[:, [0, -1]] = False
         return Shown(triangle, inner, np.stack([px, py], axis=-1), np.column_stack([x, y]))
 
 
