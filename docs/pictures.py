@@ -59,6 +59,9 @@ def main() -> None:
     import tiles_pictures
 
     tiles_pictures.main()
+    import web_map_pictures
+
+    web_map_pictures.main()
 
 
 def draw_hero() -> None:
