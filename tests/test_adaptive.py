@@ -207,6 +207,20 @@ def test_pixels_without_data_count_for_nothing() -> None:
     assert not hidden[centres[:, 1], centres[:, 0]].any()
 
 
+def test_a_node_between_pixels_has_a_height_too() -> None:
+    """Else a mesh of a whole DEM had a hole there."""
+    image = np.random.default_rng(8).random((60, 60)).astype("f4") * 100
+    mesh = adaptive((image, None, None), nodes=1100, effort="fast", z=1)
+    apart = np.ones(len(mesh.nodes), bool)
+    apart[mesh.triangles[mesh.triangle_table["count"] > 0]] = False
+    assert apart.sum() == 1
+    (x, y), (height,) = mesh.nodes[apart][0] - 0.5, mesh.heights[apart]
+    rows, cols = (np.clip([int(v), int(v) + 1], 0, 59) for v in (y, x))
+    around = image[np.ix_(rows, cols)]
+    assert around.min() <= height <= around.max()
+    assert mesh.certify().passed
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [

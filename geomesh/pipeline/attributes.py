@@ -98,7 +98,7 @@ def describe(
         values = (
             np.ascontiguousarray(means.T)
             if values is None
-            else _without_pixels(values, mesh, statistics)
+            else _sampled_apart(values, mesh, statistics, has_bands=scene.classes is scene)
         )
         accuracy = measure_accuracy(
             mesh.nodes,
@@ -170,11 +170,18 @@ def _surface_values(
     return fit_values(surface, scene, workers, progress)
 
 
-def _without_pixels(values: Floats, mesh: TriangleMesh, statistics: zonal.Statistics) -> Floats:
-    """Return values (N, B) with NaN at the nodes of which no triangle has a valid pixel."""
+def _sampled_apart(
+    values: Floats, mesh: TriangleMesh, statistics: zonal.Statistics, *, has_bands: bool
+) -> Floats:
+    """Return values (N, B) with those of the raster at nodes of which no triangle has a pixel.
+
+    No pixel tells what such a value should be. It is NaN if there is no valid pixel around the
+    node either, or if `statistics` are of a palette, not of its colours.
+    """
     known = np.zeros(len(values), np.bool_)
     known[mesh.triangles[statistics.count > 0]] = True
-    return np.where(known[:, None], values, np.nan)
+    sampled = statistics.node_values.T if has_bands else np.nan
+    return np.where(known[:, None], values, sampled)
 
 
 def name_columns(layer: LayerName, scene: Scene, recipe: Recipe) -> list[str]:

@@ -264,7 +264,8 @@ class App {
       if (painter.shown !== shown) this.isChanged = true;
       if (isBusy && painter.job) break; // one after the other
     }
-    if (this.isChanged) this.compose();
+    // Before the first picture there is nothing to show, and showing it would wait for the GPU.
+    if (this.isChanged && painters.some(({ shown }) => shown)) this.compose();
     const isCurrent = painters.every((painter) => painter.shows(painter.shown, view, screen.ratio));
     if (isCurrent && !this.times.firstFrame) this.arrived();
     if (isBusy || !isResting) this.request(false);
