@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import json
+import signal
 import sqlite3
+import subprocess
 from collections import defaultdict
 from dataclasses import replace
 from functools import cache
@@ -31,6 +33,7 @@ from geomesh.io import tile_check, tiles
 from geomesh.pipeline.tiles import tile_layer
 from geomesh.raster.grid import Grid, Window
 from geomesh.zonal.rings import fill_rings
+from support.commands import OLD, PROGRAM, run_program, snapshot
 from support.meshes import GEOREFERENCES, ORIENTATIONS, frame_mesh, lattice_mesh, two_triangles
 from support.rasters import picture
 from support.samples import OLINDA, SAMPLES
@@ -129,7 +132,9 @@ def scene_mesh(name: str) -> geomesh.Mesh:
     return MESHES[name]()
 
 
-@pytest.mark.parametrize("scene", MESHES)
+@pytest.mark.parametrize(
+    "scene", [pytest.param(name, marks=[pytest.mark.slow] * (name != "ragged")) for name in MESHES]
+)
 def test_every_zoom_is_complete_and_without_a_gap(scene, tmp_path):
     mesh = scene_mesh(scene)
     path = tmp_path / "map.pmtiles"
@@ -497,3 +502,42 @@ def test_tiles_are_made_one_zoom_at_a_time_and_joined(tmp_path, monkeypatch):
     summary = scene_mesh("landsat").to_tiles(tmp_path / "map.pmtiles")
     assert {level.zoom: level.check.tiles for level in summary.levels} == kept
     assert [each.name for each in tmp_path.iterdir()] == ["map.pmtiles"]
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_told_in_one_line(tmp_path, small_disk):
+    folder, options = small_disk
+    scene_mesh("landsat").to_file(tmp_path / "mesh.gpkg")
+    output = folder / "map.pmtiles"
+    output.write_bytes(OLD)
+    error = run_program(
+        "tiles", tmp_path / "mesh.gpkg", "-o", output, "--overwrite", **options
+    ).error()
+    assert f"{output} could not be written: " in error
+    assert "free some space or choose another folder" in error
+    assert snapshot(folder) == {output.name: OLD}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("message", ["Zoom 11: Refining", "Writing tiles", "Checking zoom 11"])
+def test_a_stopped_run_leaves_the_old_file_and_nothing_else(message, tmp_path):
+    scene_mesh("landsat").to_file(tmp_path / "mesh.gpkg")
+    folder = tmp_path / "out"
+    folder.mkdir()
+    output = folder / "map.pmtiles"
+    output.write_bytes(OLD)
+    command = ("tiles", tmp_path / "mesh.gpkg", "-o", output, "--overwrite", "--progress=jsonl")
+    with subprocess.Popen(
+        [*PROGRAM, *map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        for line in process.stdout:
+            event = json.loads(line)
+            if event["event"] == "progress" and event["message"].startswith(message):
+                process.send_signal(signal.SIGTERM)
+                break
+        else:
+            pytest.fail(f"no event told of {message!r}")
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 143, err
+    assert [json.loads(each) for each in out.splitlines()][-1]["code"] == "interrupted"
+    assert snapshot(folder) == {output.name: OLD}
