@@ -223,6 +223,24 @@ def test_a_mesh_over_the_antimeridian_is_shown_in_one_piece(browser, tmp_path):
     assert_quiet(browser)
 
 
+@pytest.mark.parametrize("width", [390, 1000])
+def test_the_panel_leaves_room_for_the_mesh(browser, landsat, width):
+    mesh, folder = landsat
+    browser.new_page(width, 760)
+    show(browser, folder / "olinda.html")
+    west, south, east, north = mesh.to_geodataframe().to_crs(4326).total_bounds
+    left, bottom = at(browser, west, south)
+    right, top = at(browser, east, north)
+    panel = browser.evaluate(
+        "(({ left, right, top, bottom }) => ({ left, right, top, bottom }))"
+        "(document.querySelector('#panel').getBoundingClientRect())"
+    )
+    assert 0 <= left < right <= width
+    assert 0 <= top < bottom <= 760
+    assert bottom <= panel["top"] or left >= panel["right"]
+    assert_quiet(browser)
+
+
 class _Ranges(BaseHTTPRequestHandler):
     """A static web server that knows byte ranges."""
 

@@ -81,6 +81,17 @@
     at("hint").hidden = rows.length > 0;
   }
 
+  const isPhone = () => matchMedia("(max-width: 560px)").matches;
+
+  // What the panel leaves of the map, in pixels from its sides.
+  function room() {
+    const panel = at("panel").getBoundingClientRect();
+    const padding = { top: 24, right: 24, bottom: 24, left: 24 };
+    if (isPhone()) padding.bottom += panel.height;
+    else if (innerWidth > 2.2 * panel.width) padding.left += panel.right;
+    return padding;
+  }
+
   function choices() {
     const select = at("attribute");
     const names = about.fields.filter((name) => name === "color" || name in about.ramps);
@@ -112,9 +123,7 @@
       container: "map",
       attributionControl: false,
       bounds: about.bounds,
-      fitBoundsOptions: {
-        padding: { top: 24, right: 24, bottom: 24, left: innerWidth > 720 ? 300 : 24 },
-      },
+      fitBoundsOptions: { padding: room() },
       minZoom: header.minZoom,
       maxZoom: Math.min(header.maxZoom + 5, 24),
       maxPitch: 0,
@@ -138,7 +147,8 @@
       },
     });
     map.addControl(new maplibregl.NavigationControl({ showCompass: false }), "top-right");
-    map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }), "bottom-right");
+    map.addControl(new maplibregl.ScaleControl({ maxWidth: 140 }),
+      isPhone() ? "top-left" : "bottom-right");
     map.touchZoomRotate.disableRotation();
     let shown = null;
     const pick = (properties) => {
