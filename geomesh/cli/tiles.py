@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from geomesh.cli.console import exit_code, guarded, open_console
 from geomesh.cli.kinds import is_mesh
-from geomesh.cli.options import output_options, raster_options
+from geomesh.cli.options import column_names, output_options, raster_options
 from geomesh.cli.outputs import protect_inputs
 from geomesh.cli.recipe_options import build_recipe
 from geomesh.cli.streams import echo
@@ -30,13 +30,6 @@ _OWN = frozenset(
         *("workers", "overwrite", "progress", "as_json", "until_eof"),
     )
 )
-
-
-def _names(_ctx: click.Context, _param: click.Parameter, value: str | None) -> Any:
-    """Parse names that commas separate."""
-    if value is None:
-        return None
-    return tuple(name.strip() for name in value.split(",") if name.strip())
 
 
 @click.command()
@@ -62,7 +55,7 @@ def _names(_ctx: click.Context, _param: click.Parameter, value: str | None) -> A
 )
 @click.option(
     "--columns",
-    callback=_names,
+    callback=column_names,
     metavar="NAME,...",
     help="Attributes of the triangles. Default: id, area, count, color and all means.",
 )

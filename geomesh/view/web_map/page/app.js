@@ -69,7 +69,7 @@ class App {
     if (innerWidth <= 620) $("panel").open = false;
     const right = meshes[1]?.about.name ?? head.image?.name;
     $("swipe").hidden = right === undefined;
-    $("left").textContent = first.about.name;
+    $("left").textContent = right === first.about.name && head.image ? `${first.about.name}, mesh` : first.about.name;
     $("right").textContent = right ?? "";
   }
 
