@@ -760,7 +760,7 @@ def test_the_command_prints_what_it_wrote(colored: Mesh, tmp_path: Path, command
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("mesh.gpkg", "-o", "report.txt"), "name it with .html"),
+        (("mesh.gpkg", "-o", "report.txt"), "name it .html"),
         (("mesh.gpkg", "-o", "old.html"), "use --overwrite to replace it"),
         (("mesh.gpkg", "-o", "gone/report.html"), "the folder of gone/report.html does not exist"),
         (("gone.gpkg", "-o", "report.html"), "gone.gpkg"),
@@ -801,7 +801,7 @@ def test_an_old_report_stays_if_the_disk_is_full(
 
 
 def test_the_library_says_what_is_wrong(colored: Mesh, tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"name it with \.html"):
+    with pytest.raises(OutputError, match=r"name it \.html"):
         colored.to_report(tmp_path / "report.pdf")
     with pytest.raises(GeoreferenceError, match="not among those of"):
         colored.to_report(tmp_path / "report.html", source=ROTATED)

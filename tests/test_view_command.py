@@ -56,7 +56,7 @@ def test_what_cannot_be_shown(command, mesh_file, tmp_path):
     missing = tmp_path / "missing.gpkg"
     assert refusal(missing) == f"{missing} does not exist; check the path"
     assert "cannot be read as a GeoPackage" in refusal(__file__)
-    assert "not named as a web page: name it .html" in refusal(mesh_file, out="map.pdf")
+    assert "not named as a page: name it .html" in refusal(mesh_file, out="map.pdf")
     assert "no column 'nope': choose from id" in refusal(mesh_file, "--columns", "count,nope")
     assert "is not an address of web tiles" in refusal(mesh_file, "--basemap", "osm")
     assert "two meshes and a raster" in refusal(mesh_file, mesh_file, "--embed", OLINDA)

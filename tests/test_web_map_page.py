@@ -493,7 +493,7 @@ def test_too_many_triangles_are_refused(olinda_mesh, tmp_path, monkeypatch):
 
 
 def test_an_output_that_cannot_be_written(olinda_mesh, tmp_path):
-    with pytest.raises(OutputError, match=r"map\.png is not named as a web page: name it \.html"):
+    with pytest.raises(OutputError, match=r"map\.png is not named as a page: name it \.html"):
         olinda_mesh.to_html(tmp_path / "map.png")
     old = tmp_path / "map.html"
     old.write_text("old")

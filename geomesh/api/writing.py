@@ -202,13 +202,14 @@ class WritingMesh(TriangleMesh):
         GeomeshError
             If the mesh has no place on a map on the web, or a file cannot be written.
         """
+        from geomesh.io.html import check_html
         from geomesh.parallel.workers import open_workers
         from geomesh.pipeline.tiles import check_tiles, write_tiles
-        from geomesh.view.tiles_page.page import check_page, write_page
+        from geomesh.view.tiles_page.page import write_page
 
         check_tiles(path, overwrite=overwrite)
         if page is not None:
-            check_page(page, overwrite=overwrite)
+            check_html(page, overwrite=overwrite)
         with reporting(progress) as report, open_workers(workers) as pool:
             summary = write_tiles(
                 *(self, path, pool),

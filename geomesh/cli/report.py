@@ -53,12 +53,13 @@ def report(
     console.start("report", mesh_file)
     figures: dict[str, Any] = {}
     with guarded(console, debug) as failures, console.progress() as tell:
+        from geomesh.io.html import check_html
         from geomesh.io.read import read_mesh
         from geomesh.parallel.progress import part_of
-        from geomesh.view.report.write import check_report, write_report
+        from geomesh.view.report.write import write_report
 
         protect_inputs([output], [mesh_file, source])
-        check_report(output, overwrite=overwrite)
+        check_html(output, overwrite=overwrite)
         tell(0.0, "Reading the mesh")
         shown = read_mesh(mesh_file)
         passed = write_report(

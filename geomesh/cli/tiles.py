@@ -100,16 +100,17 @@ def tiles(
     console.start("tiles", source)
     summary, holds = None, False
     with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.io.html import check_html
         from geomesh.parallel.progress import part_of
         from geomesh.parallel.workers import open_workers
         from geomesh.pipeline.tiles import check_tiles, write_tiles
-        from geomesh.view.tiles_page.page import check_page, write_page
+        from geomesh.view.tiles_page.page import write_page
 
         outputs = [output, *filter(None, [page])]
         protect_inputs(outputs, [source, reading["mask"], recipe_options["recipe_file"]])
         check_tiles(output, overwrite=overwrite)
         if page is not None:
-            check_page(page, overwrite=overwrite)
+            check_html(page, overwrite=overwrite)
         with open_workers(workers) as pool:
             mesh, rest = _open(source, reading, recipe_options, pool, report)
             summary = write_tiles(

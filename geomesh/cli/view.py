@@ -78,13 +78,14 @@ def view(
     console = open_console(progress, quiet=as_json)
     console.start("view", mesh_files[0])
     with guarded(console, debug) as failures, console.progress() as report:
+        from geomesh.io.html import check_html
         from geomesh.io.read import read_mesh
         from geomesh.parallel.progress import part_of
         from geomesh.view.web_map.page import MapOptions
-        from geomesh.view.web_map.write import check_map, write_map
+        from geomesh.view.web_map.write import write_map
 
         protect_inputs([output], [*mesh_files, embed])
-        check_map(output, overwrite=overwrite)
+        check_html(output, overwrite=overwrite)
         options = MapOptions(column, columns, title, basemap)
         report(0.0, "Reading the mesh")
         meshes = [read_mesh(path) for path in mesh_files]

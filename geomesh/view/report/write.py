@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geomesh.errors import OutputError
-from geomesh.io.atomic import check_place, staged, writing_to
+from geomesh.io.html import check_html, write_html
 from geomesh.parallel.progress import Progress, part_of, reporting
 from geomesh.parallel.workers import open_workers
 from geomesh.raster.crs import crs_label
@@ -32,8 +30,6 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.raster.open import Source
     from geomesh.view.report.errors import Errors, Original
-
-_SUFFIXES = (".html", ".htm")
 
 # Bands whose PSNR is among the key figures.
 _MOST_BANDS = 3
@@ -76,28 +72,13 @@ def write_report(
     GeomeshError
         If `source` cannot be read, or does not have the pixels of the mesh.
     """
-    check_report(path, overwrite=overwrite)
-    target = Path(path)
+    check_html(path, overwrite=overwrite)
     with reporting(progress) as report:
         shown = describe(mesh, source, title, part_of(report, 0, 0.95))
         page = html(shown)
         report(0.95, "Writing the report")
-        with writing_to(target), staged(target, target.suffix, overwrite=overwrite) as temporary:
-            temporary.write_text(page, encoding="utf-8", newline="\n")
+        write_html(page, path, overwrite=overwrite)
     return shown
-
-
-def check_report(path: str | PathLike[str], *, overwrite: bool) -> None:
-    """Raise OutputError if the report cannot be written; call this before any work is done.
-
-    Raises
-    ------
-    OutputError
-        If `path` is not named as a page, exists (unless `overwrite`), or cannot be written.
-    """
-    if Path(path).suffix.lower() not in _SUFFIXES:
-        raise OutputError(f"{path} is not named as a page: name it with .html")
-    check_place(Path(path), overwrite=overwrite)
 
 
 def describe(

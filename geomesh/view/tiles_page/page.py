@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import html
 import json
 import os
@@ -13,16 +12,14 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from geomesh.errors import OutputError
 from geomesh.formats.document import KEY
 from geomesh.formats.pmtiles import Archive
-from geomesh.io.atomic import check_place, staged, writing_to
+from geomesh.io.atomic import staged, writing_to
+from geomesh.io.html import check_html, policy_digest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from os import PathLike
-
-_EXTENSIONS = (".html", ".htm")
 
 # Tiles up to this size are a part of the page. With larger ones, it would be slow to open.
 EMBEDDED = 30_000_000
@@ -33,13 +30,6 @@ _SOURCE_MAP = re.compile(r"^//# sourceMappingURL=.*$", re.MULTILINE)
 
 # Bytes of the tiles that are encoded at once: a multiple of 3.
 _CHUNK = 3_000_000
-
-
-def check_page(path: str | PathLike[str], *, overwrite: bool = False) -> None:
-    """Raise OutputError if a page cannot be written; call this before any work is done."""
-    if Path(path).suffix.lower() not in _EXTENSIONS:
-        raise OutputError(f"{path} is not named as a page; use a name that ends in .html")
-    check_place(Path(path), overwrite=overwrite)
 
 
 def write_page(
@@ -74,7 +64,7 @@ def write_page(
         If the page cannot be written; then an existing one does not change.
     """
     target, source = Path(path), Path(tiles)
-    check_page(target, overwrite=overwrite)
+    check_html(target, overwrite=overwrite)
     holds = source.stat().st_size <= embedded
     address = os.path.relpath(source.resolve(), target.resolve().parent)
     with (
@@ -137,11 +127,7 @@ def _page(about: Mapping[str, Any]) -> str:
 
 def _policy(page: str) -> str:
     """Return what the page may do: run its own scripts, and read tiles next to it."""
-    digests = (
-        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-        for script in _SCRIPT.findall(page)
-    )
-    own = " ".join(f"'sha256-{digest}'" for digest in digests)
+    own = " ".join(map(policy_digest, _SCRIPT.findall(page)))
     return (
         f"default-src 'none'; script-src {own}; worker-src blob:; child-src blob:; "
         "style-src 'unsafe-inline'; img-src data: blob:; connect-src 'self' blob:; "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 from dataclasses import dataclass
 from functools import cache
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 
 from geomesh.errors import GeoreferenceError, OutputError
+from geomesh.io.html import policy_digest
 from geomesh.raster.crs import crs_label, same_crs
 from geomesh.view.web_map.columns import choose_columns
 from geomesh.view.web_map.frame import Frame
@@ -167,7 +167,8 @@ def _fill(title: str, head: dict[str, Any], blocks: dict[str, str], basemap: str
     script = "\n".join(["(() => {", '"use strict";', *parts, "})();"])
     style = _asset("page.css")
     policy = (
-        f"default-src 'none'; script-src {_digest(script)}; style-src {_digest(style)}; "
+        f"default-src 'none'; script-src {policy_digest(script)}; "
+        f"style-src {policy_digest(style)}; "
         f"img-src data: {'' if basemap is None else _origin(basemap)}".rstrip()
     )
     # "<" would end the block of JSON early.
@@ -198,11 +199,6 @@ def _tags(blocks: dict[str, str]) -> str:
     return "\n".join(
         f'<script type="text/plain" id="{name}">{text}</script>' for name, text in blocks.items()
     )
-
-
-def _digest(text: str) -> str:
-    """Return the hash by which a policy allows one script or style, and no other."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _origin(address: str) -> str:

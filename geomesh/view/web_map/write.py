@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geomesh.errors import OutputError
-from geomesh.io.atomic import check_place, staged, writing_to
+from geomesh.io.html import check_html, write_html
 from geomesh.parallel.progress import silent
 from geomesh.view.web_map.image import read_image
 from geomesh.view.web_map.page import MapOptions, build_page, require_fit
@@ -20,16 +20,6 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.parallel.progress import Progress
     from geomesh.raster.open import Source
-
-_EXTENSIONS = (".html", ".htm")
-
-
-def check_map(path: str | PathLike[str], *, overwrite: bool = False) -> None:
-    """Raise OutputError if the page cannot be written; call this before any work is done."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in _EXTENSIONS:
-        raise OutputError(f"{path} is not named as a web page: name it .html")
-    check_place(Path(path), overwrite=overwrite)
 
 
 def write_map(
@@ -64,12 +54,10 @@ def write_map(
     GeoreferenceError
         If the meshes, or the mesh and the raster, are not in CRSs that fit together.
     """
-    check_map(path, overwrite=overwrite)
-    target = Path(path)
+    check_html(path, overwrite=overwrite)
     text = page_of(meshes, options, names=names, embed=embed, progress=progress)
     progress(0.9, "Writing")
-    with writing_to(target), staged(target, ".html", overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    target = write_html(text, path, overwrite=overwrite)
     progress(1.0, "Done")
     return target
 
