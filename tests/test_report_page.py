@@ -19,6 +19,7 @@ from typing import Any
 from unicodedata import normalize
 
 import cv2
+import html5lib
 import numpy as np
 import pytest
 import rasterio
@@ -43,8 +44,6 @@ from support.commands import OLD, Geomesh, run_program, snapshot
 from support.meshes import GEOREFERENCES, frame_mesh, lattice_mesh, provenance, two_triangles
 from support.rasters import picture, write_raster
 from support.samples import OLINDA, ROTATED, SAMPLES, fingerprint
-
-html5lib = pytest.importorskip("html5lib")
 
 DEM = SAMPLES / "colorado_dem_float32_epsg4269.tif"
 HOSTILE = "<script>alert(1)</script> \"'&amp; 北京 --> ]]> \x00\x1b\ud800\ufffe\u202e.tif"
@@ -114,7 +113,8 @@ class Page(HTMLParser):
 
 def valid(text: str) -> Page:
     """Return the page, after a strict parser has read it, without any request in it."""
-    html5lib.HTMLParser(strict=True).parse(text)
+    # It takes seconds to read what pictures consist of.
+    html5lib.HTMLParser(strict=True).parse(re.sub(r";base64,[\w+/=]+", ";base64,", text))
     page = Page(text)
     (policy,) = (
         m["content"] for m in page.all("meta") if m.get("http-equiv") == "Content-Security-Policy"
