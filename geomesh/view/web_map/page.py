@@ -134,7 +134,7 @@ def require_fit(meshes: Sequence[TriangleMesh]) -> None:
     if count > MOST_TRIANGLES:
         raise OutputError(
             f"{count:,} triangles are too many for one page (at most {MOST_TRIANGLES:,}): mesh "
-            "with fewer nodes or a part with `bounds`, or write map tiles with `geomesh tiles`"
+            "with fewer nodes, mesh a part of the raster, or write map tiles (geomesh tiles)"
         )
     first, *others = (mesh.grid.crs for mesh in meshes)
     for other in others:
