@@ -21,6 +21,7 @@ from unicodedata import normalize
 import cv2
 import html5lib
 import numpy as np
+import pypdf
 import pytest
 import rasterio
 from affine import Affine
@@ -40,6 +41,7 @@ from geomesh.view.report.histograms import count
 from geomesh.view.report.relief import find_scale, shaded
 from geomesh.view.report.statements import in_words
 from geomesh.view.report.write import write_report
+from support.browser_process import need
 from support.commands import OLD, Geomesh, run_program, snapshot
 from support.meshes import GEOREFERENCES, frame_mesh, lattice_mesh, provenance, two_triangles
 from support.rasters import picture, write_raster
@@ -816,14 +818,13 @@ def test_help_needs_no_slow_library() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Chromium")
 def test_the_printed_page_has_all_of_it(bounded: Mesh, tmp_path: Path) -> None:
-    pypdf = pytest.importorskip("pypdf")
+    chromium = need("chromium")["chromium"]
     page = report_of(bounded, tmp_path)
     printed = tmp_path / "report.pdf"
     subprocess.run(
         [
-            *("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"),
+            *(chromium, "--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"),
             *(f"--print-to-pdf={printed}", (tmp_path / "report.html").as_uri()),
         ],
         check=True,

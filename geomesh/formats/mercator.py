@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geomesh.arrays.hilbert import along_hilbert
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -56,12 +58,5 @@ def tile_ids(zoom: int, x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[n
     x, y : int64 (n,)
         Column and row of each tile, from the north-west.
     """
-    x, y = x.astype(np.int64), y.astype(np.int64)
-    ids = np.full(len(x), (4**zoom - 1) // 3, np.int64)
-    for side in (1 << level for level in reversed(range(zoom))):
-        right, below = (x & side) > 0, (y & side) > 0
-        ids += side * side * ((3 * right) ^ below)
-        turned = right & ~below
-        x, y = np.where(turned, side - 1 - x, x), np.where(turned, side - 1 - y, y)
-        x, y = np.where(below, x, y), np.where(below, y, x)
+    ids: NDArray[np.int64] = along_hilbert(x, y, zoom) + (4**zoom - 1) // 3
     return ids

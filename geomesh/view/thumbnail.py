@@ -14,7 +14,7 @@ from geomesh.zonal.owners import find_owners
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from geomesh.arrays.types import Points
+    from geomesh.arrays.types import Ids, Points
     from geomesh.mesh.triangle_mesh import TriangleMesh
 
 # Longest and shortest side of a thumbnail, in pixels.
@@ -51,12 +51,22 @@ def thumbnail(mesh: TriangleMesh, longest: int = _LONGEST) -> NDArray[np.uint8]:
     image[drawn, :3] = _colors(mesh, owners[drawn])
     image[drawn, 3] = 255
     if has_room(image, len(mesh.triangles)):
-        edge = np.zeros(window.shape, np.bool_)
-        edge[:, 1:] |= owners[:, 1:] != owners[:, :-1]
-        edge[1:] |= owners[1:] != owners[:-1]
-        edge &= drawn
-        image[edge, :3] += ((255 - image[edge, :3]) * _EDGE).astype(np.uint8)
+        return with_edges(image, owners, _EDGE)
     return image
+
+
+def with_edges(image: NDArray[np.uint8], owners: Ids, share: float) -> NDArray[np.uint8]:
+    """Return an image (h, w, 4) with the sides of triangles lighter by a share.
+
+    `owners` (h, w) are the triangles of its pixels.
+    """
+    edge = np.zeros(owners.shape, np.bool_)
+    edge[:, 1:] |= owners[:, 1:] != owners[:, :-1]
+    edge[1:] |= owners[1:] != owners[:-1]
+    edge &= image[..., 3] > 0
+    lighter = image.copy()
+    lighter[edge, :3] += ((255 - image[edge, :3]) * share).astype(np.uint8)
+    return lighter
 
 
 def has_room(image: NDArray[np.uint8], triangles: int) -> bool:

@@ -20,9 +20,9 @@ from geomesh.view.report.pictures import (
     brighter,
     brightness,
     colored,
-    with_edges,
 )
 from geomesh.view.report.relief import find_scale, shaded
+from geomesh.view.thumbnail import with_edges
 from geomesh.zonal.owners import find_owners
 
 if TYPE_CHECKING:
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 # Longest side of each of the two pictures, in pixels.
 _SIDE = 640
+
+# How much lighter the sides of triangles are in the detail.
+_EDGE = 0.5
 
 # Sides of the detail, in pixels of the raster: a third of the raster, within these limits.
 _DETAIL = (24, 240)
@@ -104,7 +107,7 @@ def _pair(
     for name, painted in _image_and_surface(mesh, window, (width, height), original, tone):
         levels = painted
         if name == "mesh" and is_detail:
-            levels = with_edges(levels, _owners(mesh, window, levels.shape))
+            levels = with_edges(levels, _owners(mesh, window, levels.shape), _EDGE)
         if name == "mesh":
             levels = averaged(levels, width, height)
         caption = {"image": "The image", "mesh": "The mesh"}[name]

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from geomesh.mesh.colors import brightening
 from geomesh.mesh.topology import FILL
 from geomesh.surface.paint import reconstruct
 from geomesh.view.report.content import Picture
 from geomesh.view.report.relief import find_scale, shaded
-from geomesh.view.thumbnail import GRAY, colors_of, has_room, on_page, thumbnail
+from geomesh.view.thumbnail import GRAY, colors_of, has_room, on_page, thumbnail, with_edges
 from geomesh.zonal.owners import find_owners
 
 if TYPE_CHECKING:
@@ -35,8 +36,7 @@ FINER = 2
 # Higher ones take several times as long, for a few percent.
 _COMPRESSION = 6
 
-# How much lighter the sides of triangles are, and those of a relief.
-_EDGE = 0.5
+# How much lighter the sides of triangles are in a relief.
 _FAINT = 0.3
 
 
@@ -84,22 +84,9 @@ def brighter(image: NDArray[np.uint8], factor: float) -> NDArray[np.uint8]:
 
 
 def brightness(image: NDArray[np.uint8]) -> float:
-    """Return the factor by which `geomesh.mesh.colors.brightened` multiplies an image."""
+    """Return the factor that brightens what is seen of a picture (h, w, 4)."""
     seen = image[image[..., 3] > 0][:, :3]
-    if not len(seen):
-        return 1.0
-    return max(255 / max(float(np.percentile(seen, 99)), 1.0), 1.0)
-
-
-def with_edges(image: NDArray[np.uint8], owners: Ids, share: float = _EDGE) -> NDArray[np.uint8]:
-    """Return the picture with the sides of the triangles lighter by a share."""
-    edge = np.zeros(owners.shape, np.bool_)
-    edge[:, 1:] |= owners[:, 1:] != owners[:, :-1]
-    edge[1:] |= owners[1:] != owners[:-1]
-    edge &= image[..., 3] > 0
-    lighter = image.copy()
-    lighter[edge, :3] += ((255 - image[edge, :3]) * share).astype(np.uint8)
-    return lighter
+    return brightening(seen) if len(seen) else 1.0
 
 
 def averaged(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from affine import Affine
 
-from geomesh.mesh.colors import brightening, parse_colors
+from geomesh.features.gray import stretch_to_uint8
+from geomesh.mesh.colors import brightening
 from geomesh.raster.crs import has_angles
 from geomesh.raster.grid import LATTICE
+from geomesh.view.thumbnail import GRAY, colors_of
 from geomesh.view.web_map.codec import below_highest, byte_planes, differences, pack, zigzag
 from geomesh.view.web_map.columns import (
     Column,
@@ -29,9 +31,6 @@ if TYPE_CHECKING:
     from geomesh.mesh.triangle_mesh import TriangleMesh
     from geomesh.raster.grid import Grid
     from geomesh.view.web_map.frame import Box
-
-# Colour of triangles without one.
-_GRAY = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +69,10 @@ def pack_mesh(mesh: TriangleMesh, grid: Grid, name: str, columns: Sequence[str])
     order = order_along_curve(mesh.nodes, mesh.triangles)
     nodes = mesh.nodes if grid == mesh.grid else grid.to_pixel(mesh.map_nodes)
     lattice = np.rint(nodes[order.nodes] * LATTICE).astype(np.int64)
-    colors = _colors(mesh)
+    colors = colors_of(mesh)
     bare = colors is None
     if colors is None:
-        colors = np.full((len(order.rows), 3), _GRAY, np.uint8)
+        colors = np.full((len(order.rows), 3), GRAY, np.uint8)
     surface = None if bare else surface_colors(mesh)
     chosen = [_nearer(mesh, column) for column in encode_columns(mesh, columns)]
     first = {
@@ -124,10 +123,8 @@ def surface_colors(mesh: TriangleMesh) -> NDArray[np.uint8] | None:
         return None
     levels = []
     for band, (black, white) in zip(shown.bands, shown.ranges, strict=True):
-        values = np.asarray(mesh.node_table[band], np.float64)
-        scaled = (values - black) * (255 / (white - black)) if white > black else values * 0
-        levels.append(np.rint(np.clip(np.nan_to_num(scaled), 0, 255)))
-    return np.stack(levels, axis=1).astype(np.uint8)
+        levels.append(stretch_to_uint8(mesh.node_table[band], black, white))
+    return np.stack(levels, axis=1)
 
 
 def _height(mesh: TriangleMesh, columns: Sequence[Column]) -> dict[str, Any] | None:
@@ -149,16 +146,6 @@ def _nearer(mesh: TriangleMesh, column: Column) -> Column:
     black, white = shown.ranges[channel]
     step = (white - black) / 255 / column.step
     return replace(column, near=Expected(channel, (black - column.low) / column.step, step))
-
-
-def _colors(mesh: TriangleMesh) -> NDArray[np.uint8] | None:
-    """Return the colours (T, 3); None if there are none, or another program wrote other texts."""
-    if "color" not in mesh.triangle_table:
-        return None
-    try:
-        return parse_colors(np.asarray(mesh.triangle_table["color"]))
-    except ValueError:
-        return None
 
 
 def _color_planes(colors: NDArray[np.uint8]) -> bytes:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geomesh.arrays.hilbert import along_hilbert
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -41,27 +43,14 @@ def order_along_curve(nodes: Points, triangles: NDArray[np.int32]) -> CurveOrder
     low = middles.min(axis=0)
     span = float((middles.max(axis=0) - low).max()) or 1.0
     cells = ((middles - low) / span * (2**_BITS - 1)).astype(np.int64)
-    rows = np.argsort(_hilbert(cells), kind="stable").astype(np.int64)
+    rows = np.argsort(along_hilbert(cells[:, 0], cells[:, 1], _BITS), kind="stable").astype(
+        np.int64
+    )
     used, first, place = np.unique(triangles[rows], return_index=True, return_inverse=True)
     by_use = np.argsort(first)
     rank = np.empty(len(used), np.int64)
     rank[by_use] = np.arange(len(used))
     return CurveOrder(rows, used[by_use].astype(np.int64), rank[place].reshape(-1, 3))
-
-
-def _hilbert(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the place along the curve of cells (n, 2) of a square of 2**16 cells a side."""
-    x, y = cells.T.copy()
-    along = np.zeros(len(x), np.int64)
-    top = 2**_BITS - 1
-    for bit in reversed(range(_BITS)):
-        right, upper = (x >> bit) & 1, (y >> bit) & 1
-        along += ((3 * right) ^ upper) << (2 * bit)
-        # The curve in the lower quarters is turned.
-        turned, mirrored = upper == 0, (upper == 0) & (right == 1)
-        x[mirrored], y[mirrored] = top - x[mirrored], top - y[mirrored]
-        x[turned], y[turned] = y[turned], x[turned]
-    return along
 
 
 def ranks_of_rows(keys: tuple[NDArray[Any], ...]) -> NDArray[np.int64]:
